@@ -1,0 +1,100 @@
+"""Every default of the tool, once."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Sampling(StrEnum):
+    """How CropTTA places its crops (paper, sec. III-B)."""
+
+    RANDOM = "random"
+    GRID = "grid"
+
+
+class Aggregation(StrEnum):
+    """What becomes the answer: the full frame's own estimate or the mean of all views."""
+
+    ORIGINAL = "original"
+    MEAN = "mean"
+
+
+class Rule(StrEnum):
+    """Which of the eight standard deviations must pass the threshold for a rejection.
+
+    ``all`` is the paper's: every one is larger; ``any``: the largest; ``mean``: their mean.
+    """
+
+    ALL = "all"
+    ANY = "any"
+    MEAN = "mean"
+
+
+class TimeBase(StrEnum):
+    """Which clock dates the log: decided by evidence, the records' own, or the vehicle's."""
+
+    AUTO = "auto"
+    RECORD = "record"
+    VEHICLE = "vehicle"
+
+
+RESIZED_WIDTH_PX = 256
+"""W_R of the paper: the width at which thresholds in pixels are stated."""
+
+CROP_OFFSET_FRACTION = 32 / 512
+"""o_c / W_T of the paper."""
+
+
+@dataclass(frozen=True, slots=True)
+class CropTtaConfig:
+    """CropTTA: number of views N_C (the original included), how crops are drawn, and the seed."""
+
+    views: int = 5
+    sampling: Sampling = Sampling.RANDOM
+    offset_fraction: float = CROP_OFFSET_FRACTION
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class DecisionConfig:
+    """When an estimate is rejected.
+
+    Exactly one of ``max_std_m`` and ``max_std_px`` (pixels at W_R) is used: pixels if not None.
+    ``min_confidence`` rejects as ``ambiguous``; scales outside ``1 ± max_scale_error`` of the
+    prior's are ``implausible-scale``.
+    """
+
+    max_std_m: float = 10.0
+    max_std_px: float | None = None
+    rule: Rule = Rule.ALL
+    min_confidence: float = 0.5
+    max_scale_error: float = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class PriorConfig:
+    """How log and frame times are joined: clock choice, offset, and the longest gap bridged."""
+
+    time_base: TimeBase = TimeBase.AUTO
+    time_offset_s: float = 0.0
+    max_gap_s: float = 2.0
+    height_above_ground_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GeotagConfig:
+    """Everything that shapes the result of one ``uasthn geotag`` run apart from its inputs."""
+
+    estimator: str = "xcorr"
+    search_radius_m: float = 200.0
+    gsd_m: float | None = None
+    device: str = "auto"
+    crops: CropTtaConfig = CropTtaConfig()
+    aggregation: Aggregation = Aggregation.ORIGINAL
+    decision: DecisionConfig = DecisionConfig()
+
+
+THERMAL_WIDTH_PX = 96
+"""Width of a frame's footprint on the map grid that the default GSD aims at."""
+
+MAX_TILT_DEG = 30.0
+"""Beyond this angle between the optical axis and the vertical a frame is ``too-oblique``."""

@@ -1,0 +1,97 @@
+"""Errors a user can act on, and the exit code of each class.
+
+Every message is one line: what is wrong, where, and what to do. The command line prints it on
+stderr and exits with :attr:`UasthnError.exit_code`; the README lists the codes.
+"""
+
+from typing import ClassVar
+
+
+class UasthnError(Exception):
+    """Base of all errors that end a run with one clear line."""
+
+    exit_code: ClassVar[int] = 1
+
+
+class GateMissedError(UasthnError):
+    """A gate of ``uasthn report`` (say ``--min-accepted``) was missed."""
+
+    exit_code = 4
+
+
+class LogUnreadableError(UasthnError):
+    """The telemetry log is missing, empty or not a MAVLink ``.tlog``."""
+
+    exit_code = 10
+
+
+class NoPositionError(UasthnError):
+    """The telemetry log holds no usable position or attitude."""
+
+    exit_code = 11
+
+
+class FramesError(UasthnError):
+    """The folder of frames is missing or holds no image."""
+
+    exit_code = 12
+
+
+class FrameTimesError(UasthnError):
+    """No capture time can be found for the frames, or the time base is unusable."""
+
+    exit_code = 13
+
+
+class CameraError(UasthnError):
+    """The camera is unknown or described incompletely."""
+
+    exit_code = 14
+
+
+class MapUnreadableError(UasthnError):
+    """The map is missing, corrupt or not a raster that GDAL reads."""
+
+    exit_code = 15
+
+
+class MapWithoutCrsError(UasthnError):
+    """The map carries no coordinate reference system or no georeference."""
+
+    exit_code = 16
+
+
+class MapElsewhereError(UasthnError):
+    """No part of the flight lies on the map."""
+
+    exit_code = 17
+
+
+class OutputError(UasthnError):
+    """The output exists already (without ``--overwrite``) or cannot be written."""
+
+    exit_code = 18
+
+
+class WeightsError(UasthnError):
+    """The network weights are missing, corrupt or of another architecture."""
+
+    exit_code = 19
+
+
+class TruthError(UasthnError):
+    """The ground-truth table is missing, lacks a column or matches no frame."""
+
+    exit_code = 20
+
+
+class TrainingDataError(UasthnError):
+    """No usable training image was found, or a checkpoint does not fit the request."""
+
+    exit_code = 21
+
+
+class ResultsError(UasthnError):
+    """A results folder given to ``uasthn report`` is missing or incomplete."""
+
+    exit_code = 22

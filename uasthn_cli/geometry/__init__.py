@@ -1,0 +1,1 @@
+"""Pure mathematics: corners and homographies, pixel centres, camera and attitude, the earth."""

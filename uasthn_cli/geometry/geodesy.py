@@ -1,0 +1,67 @@
+"""Between WGS 84 and metres on the ground: the only room that imports pyproj."""
+
+from typing import Any
+
+import numpy as np
+from pyproj import CRS, Geod, Transformer
+from pyproj.exceptions import CRSError
+
+from uasthn_cli.types import FloatArray
+
+_GEOD = Geod(ellps="WGS84")
+
+
+class LocalFrame:
+    """Metres east and north around a point: transverse Mercator with true north at its centre.
+
+    Within 20 km of the centre, scale is true to 5e-6 and grid north to 0.2° at mid latitudes.
+    """
+
+    def __init__(self, lat_deg: float, lon_deg: float) -> None:
+        """Centre the frame on a WGS 84 position."""
+        self.lat_deg, self.lon_deg = float(lat_deg), float(lon_deg)
+        self.crs = CRS.from_proj4(
+            f"+proj=tmerc +lat_0={self.lat_deg:.9f} +lon_0={self.lon_deg:.9f} +k=1 +x_0=0 +y_0=0"
+            " +datum=WGS84 +units=m +no_defs"
+        )
+        self._to_local = Transformer.from_crs(CRS.from_epsg(4326), self.crs, always_xy=True)
+        self._to_degrees = Transformer.from_crs(self.crs, CRS.from_epsg(4326), always_xy=True)
+
+    def to_metres(self, lat_lon_deg: FloatArray) -> FloatArray:
+        """Map ``(lat, lon)`` degrees ``(..., 2)`` to ``(east, north)`` metres."""
+        lat_lon = np.asarray(lat_lon_deg, dtype=np.float64)
+        east, north = self._to_local.transform(lat_lon[..., 1], lat_lon[..., 0])
+        return np.stack([east, north], axis=-1)
+
+    def to_degrees(self, metres: FloatArray) -> FloatArray:
+        """Map ``(east, north)`` metres ``(..., 2)`` to ``(lat, lon)`` degrees."""
+        points = np.asarray(metres, dtype=np.float64)
+        lon, lat = self._to_degrees.transform(points[..., 0], points[..., 1])
+        return np.stack([lat, lon], axis=-1)
+
+    def wkt(self) -> str:
+        """Return the frame's CRS as WKT, for readers that warp into it."""
+        return str(self.crs.to_wkt())
+
+
+def distance_m(a_lat_lon_deg: FloatArray, b_lat_lon_deg: FloatArray) -> FloatArray:
+    """Return geodesic distances in metres between ``(lat, lon)`` degrees ``(..., 2)``."""
+    a, b = np.broadcast_arrays(np.asarray(a_lat_lon_deg), np.asarray(b_lat_lon_deg))
+    _, _, metres = _GEOD.inv(a[..., 1], a[..., 0], b[..., 1], b[..., 0])
+    return np.asarray(metres, dtype=np.float64)
+
+
+def to_crs(crs: Any, lat_lon_deg: FloatArray) -> FloatArray:
+    """Map ``(lat, lon)`` degrees ``(..., 2)`` to ``(x, y)`` of any CRS that pyproj understands.
+
+    Raises:
+        ValueError: the CRS is not understood.
+    """
+    try:
+        target = CRS.from_user_input(crs)
+    except CRSError as error:
+        raise ValueError(f"unknown coordinate reference system {crs!r}") from error
+    lat_lon = np.asarray(lat_lon_deg, dtype=np.float64)
+    transformer = Transformer.from_crs(CRS.from_epsg(4326), target, always_xy=True)
+    x, y = transformer.transform(lat_lon[..., 1], lat_lon[..., 0])
+    return np.stack([x, y], axis=-1)

@@ -1,0 +1,1 @@
+"""Read what was recorded: telemetry, clocks, frames, cameras, and the prior they give."""

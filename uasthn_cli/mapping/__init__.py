@@ -1,0 +1,1 @@
+"""The map and the frame on one grid: windows, feature tiles, rectified frames."""

@@ -1,0 +1,1 @@
+"""Estimators: where a rectified thermal frame lies in a map window."""

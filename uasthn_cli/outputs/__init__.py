@@ -1,0 +1,1 @@
+"""Write results: tables, GeoJSON, the run record; whole files or none."""

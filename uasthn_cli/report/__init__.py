@@ -1,0 +1,1 @@
+"""Summaries of finished runs, comparisons with truth, and gates."""

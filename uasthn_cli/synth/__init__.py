@@ -1,0 +1,1 @@
+"""Render flights with known truth: landscape, night view, trajectory, log."""

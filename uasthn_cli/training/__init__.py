@@ -1,0 +1,1 @@
+"""Train the estimators that ship with the tool."""

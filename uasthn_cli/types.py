@@ -1,0 +1,265 @@
+"""The vocabulary that the rooms exchange: frozen, slotted, free of heavy imports.
+
+Conventions (see ``CONVENTIONS.md``): image points are ``(x, y)`` with the centre of the top-left
+pixel at (0, 0); corners are ordered top-left, top-right, bottom-left, bottom-right in arrays
+``(..., 4, 2)``; ``H_a_b`` maps points of ``a`` to points of ``b``; every physical quantity carries
+its unit in its name.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+ImageArray = NDArray[np.float32]
+BoolArray = NDArray[np.bool_]
+
+
+class Reason(StrEnum):
+    """Why a frame was rejected, or has no estimate at all."""
+
+    UNCERTAIN = "uncertain"
+    AMBIGUOUS = "ambiguous"
+    OFF_MAP = "off-map"
+    NO_PRIOR = "no-prior"
+    NO_TIME = "no-time"
+    UNREADABLE = "unreadable"
+    OUTSIDE_LOG = "outside-log"
+    TOO_OBLIQUE = "too-oblique"
+    TEXTURELESS = "textureless"
+    DEGENERATE_HOMOGRAPHY = "degenerate-homography"
+    IMPLAUSIBLE_SCALE = "implausible-scale"
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """Orientation of a body against north-east-down, MAVLink ``ATTITUDE`` convention (radians)."""
+
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """A pinhole camera with OpenCV distortion, for frames of one size.
+
+    ``mount_yaw_rad`` turns the camera clockwise about the body's down axis: 0 means that the top of
+    the image is the nose of the aircraft.
+    """
+
+    width_px: int
+    height_px: int
+    focal_x_px: float
+    focal_y_px: float
+    principal_x_px: float
+    principal_y_px: float
+    distortion: tuple[float, ...] = ()
+    mount_yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class FrameFile:
+    """One image on disk; ``name`` is its path relative to the frames folder."""
+
+    name: str
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What the log says about one frame: where the camera was and how it was turned.
+
+    ``attitude`` is the camera's own (gimbal angles applied where the log has them, mount yaw not
+    yet applied). ``height_source`` names the field that gave the height over ground.
+    """
+
+    frame: FrameFile
+    time_utc_s: float
+    lat_deg: float
+    lon_deg: float
+    height_above_ground_m: float
+    attitude: Attitude
+    height_source: str
+
+
+@dataclass(frozen=True, slots=True)
+class FrameFailure:
+    """A frame without an estimate: the reason from the fixed list and one line of detail."""
+
+    frame: FrameFile
+    reason: Reason
+    detail: str
+    time_utc_s: float | None = None
+    prior: Prior | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Ortho:
+    """A thermal frame rectified to the ground plane: north-up, at ``gsd_m`` metres a pixel.
+
+    ``image`` ``(h, w)`` float32 is zero where ``valid`` ``(h, w)`` is false. ``H_frame_ortho``
+    ``(3, 3)`` maps frame pixels to ortho pixels; ``nadir_px`` ``(2,)`` is the ortho pixel of the
+    ground point straight below the camera, as the prior has it.
+    """
+
+    image: ImageArray
+    valid: BoolArray
+    gsd_m: float
+    H_frame_ortho: FloatArray
+    nadir_px: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class GridBox:
+    """A box of whole pixels on the flight's map grid (column to the east, row to the south)."""
+
+    column_px: int
+    row_px: int
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True, slots=True)
+class MapGrid:
+    """The north-up pixel grid on which a flight's map is read.
+
+    Grid pixel ``(column, row)`` has its centre ``(column * gsd_m, -row * gsd_m)`` metres east and
+    north of the origin of the flight's local CRS.
+    """
+
+    gsd_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapStatistics:
+    """Colour statistics of the whole map: mean per channel ``(3,)`` and one deviation, in 0..1."""
+
+    mean: tuple[float, float, float]
+    deviation: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapWindow:
+    """A piece of the map: ``image`` ``(h, w, 3)`` float32 in 0..1, ``valid`` ``(h, w)``.
+
+    Pixels outside the map or without data are 0 in ``image`` and false in ``valid``.
+    """
+
+    image: ImageArray
+    valid: BoolArray
+    box: GridBox
+    grid: MapGrid
+    statistics: MapStatistics
+
+
+@dataclass(frozen=True, slots=True)
+class MapFeatures:
+    """What an estimator made of a map window: ``values`` ``(channels, h / stride, w / stride)``.
+
+    Cell ``(0, 0)`` covers the window's top-left ``stride × stride`` pixels; ``valid`` has the shape
+    of one channel.
+    """
+
+    values: NDArray[np.floating[Any]]
+    valid: BoolArray
+    box: GridBox
+    grid: MapGrid
+    stride_px: int
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Where an estimator saw N views of one thermal image in one map window.
+
+    ``corners_px`` ``(iterations, N, 4, 2)``: corners of each view in window pixels, the last
+    iteration being the answer. ``confidence`` in 0..1 is the estimator's own belief in the first
+    view's answer: the posterior mass near the answer's peak (1 where the estimator has none).
+    """
+
+    corners_px: FloatArray
+    confidence: float
+
+
+class Estimator(Protocol):
+    """The one seam that every matcher implements (design: CropTTA, ensembles and merges sit on it).
+
+    ``encode_map`` is computed per map tile and cached for the flight; ``estimate`` per frame.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name as given to ``--estimator``."""
+
+    @property
+    def stride_px(self) -> int:
+        """Map pixels per feature cell."""
+
+    @property
+    def halo_px(self) -> int:
+        """Context in pixels that ``encode_map`` needs around a tile."""
+
+    def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
+        """Return map features ``(channels, h / stride, w / stride)`` of a window."""
+
+    def estimate(
+        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+    ) -> Estimate:
+        """Locate views ``(N, 4, 2)`` (corners in ortho pixels) of ``thermal`` in the window.
+
+        ``origin_px`` ``(2,)`` is the window pixel where the prior puts ortho pixel (0, 0).
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Agreement of the views after each was carried back to the full frame (paper, eqs. 1-5).
+
+    ``recovered_px`` ``(N, 4, 2)``, ``corners_px`` ``(4, 2)`` aggregated, ``std_px`` ``(4, 2)``
+    standard deviation per corner coordinate; all in window pixels.
+    """
+
+    recovered_px: FloatArray
+    corners_px: FloatArray
+    std_px: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """Whether an estimate is accepted, the scalar uncertainty it was judged by, and why not."""
+
+    accepted: bool
+    uncertainty_m: float
+    reason: Reason | None
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """Where one frame was taken, in WGS 84 degrees and ground metres.
+
+    ``corners_deg`` ``(4, 2)`` holds ``(lat, lon)`` of the frame's corners, ``corner_std_m``
+    ``(4, 2)`` the standard deviation of each corner east-west and north-south.
+    """
+
+    prior: Prior
+    lat_deg: float
+    lon_deg: float
+    center_lat_deg: float
+    center_lon_deg: float
+    corners_deg: FloatArray
+    corner_std_m: FloatArray
+    uncertainty_m: float
+    offset_m: float
+    yaw_deg: float
+    gsd_m: float
+    confidence: float
+    accepted: bool
+    reason: Reason | None
+    source: str = "fix"
+
+
+FrameResult = Fix | FrameFailure

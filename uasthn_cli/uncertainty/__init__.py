@@ -1,0 +1,1 @@
+"""CropTTA views, homography consensus, spread, and the decision to accept."""
