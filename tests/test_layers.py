@@ -1,0 +1,87 @@
+"""The architecture: imports point downwards only, and some libraries have one home."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "uasthn_cli"
+
+LAYERS = (
+    {"errors", "types", "config"},
+    {"geometry"},
+    {"ingest", "mapping", "matching", "uncertainty", "outputs", "report"},
+    {"pipeline"},
+    {"training", "synth"},
+    {"commands"},
+    {"__main__"},
+)
+LAYER_OF = {room: layer for layer, rooms in enumerate(LAYERS) for room in rooms}
+
+HOMES = {
+    "pyproj": ("geometry/geodesy.py",),
+    "pymavlink": ("ingest/mavlink.py", "synth/"),
+    "rasterio": ("mapping/", "synth/"),
+    "torch": ("matching/", "training/"),
+    "click": ("commands/",),
+    "rich": ("commands/",),
+}
+"""Libraries that only these files or folders may import."""
+
+SOURCES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py"))
+
+
+def imported_modules(source: str) -> Iterator[str]:
+    """Yield the dotted names a module imports anywhere, ``a.b`` for ``from a import b``."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "relative imports hide which room is meant"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def room_of(relative_path: str) -> str:
+    """Return the room of a file: its folder under the package, or its own name."""
+    return relative_path.split("/", maxsplit=1)[0].removesuffix(".py")
+
+
+def violations(relative_path: str, source: str) -> list[str]:
+    """Return what a file imports against the rules."""
+    room = room_of(relative_path)
+    found = []
+    for name in imported_modules(source):
+        library, _, rest = name.partition(".")
+        if library == "uasthn_cli":
+            target = rest.split(".")[0]
+            if target in LAYER_OF and target != room and LAYER_OF[target] >= LAYER_OF[room]:
+                found.append(f"{relative_path} (layer {LAYER_OF[room]}) imports {name}")
+        elif library in HOMES and not relative_path.startswith(HOMES[library]):
+            found.append(f"{relative_path} imports {library}, whose home is {HOMES[library]}")
+    return found
+
+
+def test_every_room_has_a_layer() -> None:
+    rooms = {room_of(path) for path in SOURCES} - {"__init__"}
+    assert rooms <= set(LAYER_OF)
+
+
+@pytest.mark.parametrize("relative_path", [path for path in SOURCES if path != "__init__.py"])
+def test_imports_point_downwards(relative_path: str) -> None:
+    assert violations(relative_path, (PACKAGE / relative_path).read_text("utf-8")) == []
+
+
+@pytest.mark.parametrize(
+    ("relative_path", "source"),
+    [
+        ("mapping/reader.py", "from uasthn_cli.ingest.frames import list_frames"),
+        ("geometry/pixels.py", "from uasthn_cli import pipeline"),
+        ("pipeline.py", "def f():\n    import uasthn_cli.training.loop"),
+        ("synth/flight.py", "from uasthn_cli.training import scenes"),
+        ("outputs/table.py", "import torch.nn"),
+        ("ingest/frames.py", "from pymavlink import mavutil"),
+    ],
+)
+def test_the_rules_are_noticed(relative_path: str, source: str) -> None:
+    assert len(violations(relative_path, source)) == 1

@@ -1,0 +1,157 @@
+"""Options of the search and of the decision: gathered into one ``config`` argument."""
+
+from typing import Final
+
+import click
+
+from uasthn_cli.commands.options import gathered
+from uasthn_cli.commands.parameter_types import ABOVE_ZERO, FiniteRange, StdThresholdType
+from uasthn_cli.commands.sections import section_option
+from uasthn_cli.config import (
+    Aggregation,
+    CropTtaConfig,
+    DecisionConfig,
+    GeotagConfig,
+    Rule,
+    Sampling,
+)
+
+ESTIMATORS: Final = ("xcorr", "ncc")
+DEVICES: Final = ("auto", "cpu", "cuda")
+
+_CONFIG: Final = GeotagConfig()
+
+search_option = section_option("Search")
+trust_option = section_option("Trust")
+
+
+def _geotag_config(
+    search_radius_m: float,
+    gsd_m: float | None,
+    estimator: str,
+    device: str,
+    views: int,
+    crop_sampling: str,
+    crop_offset_fraction: float,
+    seed: int,
+    aggregation: str,
+    max_std: tuple[float, str],
+    rule: str,
+    min_confidence: float,
+) -> GeotagConfig:
+    """Return everything that shapes the result apart from inputs, camera and clock."""
+    limit, unit = max_std
+    return GeotagConfig(
+        estimator=estimator,
+        search_radius_m=search_radius_m,
+        gsd_m=gsd_m,
+        device=device,
+        crops=CropTtaConfig(views, Sampling(crop_sampling), crop_offset_fraction, seed),
+        aggregation=Aggregation(aggregation),
+        decision=DecisionConfig(
+            max_std_m=limit if unit == "m" else _CONFIG.decision.max_std_m,
+            max_std_px=limit if unit == "px" else None,
+            rule=Rule(rule),
+            min_confidence=min_confidence,
+        ),
+    )
+
+
+matching_options: Final = gathered(
+    "config",
+    _geotag_config,
+    search_option(
+        "--search-radius",
+        "search_radius_m",
+        type=ABOVE_ZERO,
+        default=_CONFIG.search_radius_m,
+        metavar="M",
+        show_default=True,
+        help="How far from the logged position a frame may lie.",
+    ),
+    search_option(
+        "--gsd",
+        "gsd_m",
+        type=ABOVE_ZERO,
+        metavar="M",
+        help="Ground size of a pixel in the comparison.  [default: from height and camera]",
+    ),
+    search_option(
+        "--estimator",
+        type=click.Choice(ESTIMATORS),
+        default=_CONFIG.estimator,
+        show_default=True,
+        help="Learned cross-correlation, or plain normalised correlation of grey values.",
+    ),
+    search_option(
+        "--device",
+        type=click.Choice(DEVICES),
+        default=_CONFIG.device,
+        show_default=True,
+        help="Where networks run; auto: a GPU if there is one.",
+    ),
+    trust_option(
+        "--crops",
+        "views",
+        type=click.IntRange(min=1),
+        default=_CONFIG.crops.views,
+        metavar="N",
+        show_default=True,
+        help="Views of each frame that must agree, the whole frame among them.",
+    ),
+    trust_option(
+        "--crop-sampling",
+        type=click.Choice([sampling.value for sampling in Sampling]),
+        default=_CONFIG.crops.sampling.value,
+        show_default=True,
+        help="How the crops are placed.",
+    ),
+    trust_option(
+        "--crop-offset",
+        "crop_offset_fraction",
+        type=FiniteRange(0, 0.5, min_open=True, max_open=True),
+        default=_CONFIG.crops.offset_fraction,
+        metavar="FRACTION",
+        show_default=True,
+        help="How far crops are shifted, as a share of the frame's width.",
+    ),
+    trust_option(
+        "--seed",
+        type=click.IntRange(min=0),
+        default=_CONFIG.crops.seed,
+        metavar="N",
+        show_default=True,
+        help="Seed of the random crops.",
+    ),
+    trust_option(
+        "--aggregation",
+        type=click.Choice([aggregation.value for aggregation in Aggregation]),
+        default=_CONFIG.aggregation.value,
+        show_default=True,
+        help="The answer: the whole frame's own, or the mean of all views.",
+    ),
+    trust_option(
+        "--max-std",
+        type=StdThresholdType(),
+        default=f"{_CONFIG.decision.max_std_m:g}m",
+        show_default=True,
+        help="Standard deviation of the corners beyond which a frame is rejected: metres on the"
+        " ground, or pixels of a frame 256 px wide.",
+    ),
+    trust_option(
+        "--rule",
+        type=click.Choice([rule.value for rule in Rule]),
+        default=_CONFIG.decision.rule.value,
+        show_default=True,
+        help="Reject when all of the eight deviations are beyond the limit, any is, or their mean"
+        " is.",
+    ),
+    trust_option(
+        "--min-confidence",
+        type=FiniteRange(0, 1),
+        default=_CONFIG.decision.min_confidence,
+        metavar="SHARE",
+        show_default=True,
+        help="Reject as ambiguous when the estimator itself believes less in its answer.",
+    ),
+)

@@ -1,0 +1,189 @@
+"""Options that several commands share: declared and validated once, handed on as one object.
+
+Each decorator adds a section of options and replaces them by a single argument: ``camera`` (a
+:class:`~uasthn_cli.ingest.cameras.CameraSpec`), ``prior`` (a
+:class:`~uasthn_cli.config.PriorConfig`).
+"""
+
+import functools
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from uasthn_cli.commands.parameter_types import (
+    ABOVE_ZERO,
+    ANY_NUMBER,
+    DistortionType,
+    FiniteRange,
+)
+from uasthn_cli.commands.sections import section_option
+from uasthn_cli.config import PriorConfig, TimeBase
+
+if TYPE_CHECKING:
+    from uasthn_cli.ingest.cameras import CameraSpec
+
+Command = Callable[..., Any]
+Decorator = Callable[[Command], Command]
+
+_PRIOR: Final = PriorConfig()
+
+camera_option = section_option("Camera (one of --hfov, --focal-mm, --camera)")
+time_option = section_option("Time and height")
+
+
+def out_option(help_text: str, required: bool = True, default: Path | None = None) -> Decorator:
+    """Return the ``--out DIR`` option."""
+    return section_option("Output")(
+        "--out",
+        type=click.Path(path_type=Path),
+        required=required,
+        default=default,
+        metavar="DIR",
+        help=help_text,
+    )
+
+
+overwrite_option: Final = section_option("Output")(
+    "--overwrite", is_flag=True, help="Replace the results that are in the output folder."
+)
+
+
+def gathered(name: str, build: Callable[..., Any], *options: Decorator) -> Decorator:
+    """Return a decorator that adds options and passes ``name=build(**their values)`` instead."""
+    taken = list(inspect.signature(build).parameters)
+
+    def decorate(command: Command) -> Command:
+        @functools.wraps(command)
+        def run_gathered(**values: Any) -> Any:
+            values[name] = build(**{key: values.pop(key) for key in taken})
+            return command(**values)
+
+        decorated: Command = run_gathered
+        for option in reversed(options):
+            decorated = option(decorated)
+        return decorated
+
+    return decorate
+
+
+def _camera_spec(
+    hfov_deg: float | None,
+    focal_mm: float | None,
+    pixel_pitch_um: float | None,
+    camera_name: str | None,
+    distortion: tuple[float, ...],
+    mount_yaw_deg: float,
+) -> "CameraSpec":
+    """Return the camera that the options describe, whole and free of contradiction."""
+    from uasthn_cli.ingest.cameras import CameraSpec
+
+    given = [hfov_deg is not None, focal_mm is not None, camera_name is not None]
+    if sum(given) > 1:
+        raise click.UsageError("give only one of --hfov, --focal-mm and --camera")
+    if (focal_mm is None) != (pixel_pitch_um is None):
+        raise click.UsageError("--focal-mm and --pixel-pitch-um go together")
+    return CameraSpec(
+        hfov_deg=hfov_deg,
+        focal_mm=focal_mm,
+        pixel_pitch_um=pixel_pitch_um,
+        name=camera_name,
+        distortion=distortion,
+        mount_yaw_deg=mount_yaw_deg,
+    )
+
+
+def _prior_config(
+    time_base: str, time_offset_s: float, max_gap_s: float, height_m: float | None
+) -> PriorConfig:
+    """Return how log and frame times are joined."""
+    return PriorConfig(
+        time_base=TimeBase(time_base),
+        time_offset_s=time_offset_s,
+        max_gap_s=max_gap_s,
+        height_above_ground_m=height_m,
+    )
+
+
+camera_options: Final = gathered(
+    "camera",
+    _camera_spec,
+    camera_option(
+        "--hfov",
+        "hfov_deg",
+        type=FiniteRange(0, 180, min_open=True, max_open=True),
+        metavar="DEG",
+        help="Horizontal field of view, across the full width of the frame.",
+    ),
+    camera_option(
+        "--focal-mm",
+        type=ABOVE_ZERO,
+        metavar="MM",
+        help="Focal length; needs --pixel-pitch-um.",
+    ),
+    camera_option(
+        "--pixel-pitch-um", type=ABOVE_ZERO, metavar="UM", help="Distance between pixel centres."
+    ),
+    camera_option(
+        "--camera",
+        "camera_name",
+        metavar="NAME",
+        help="A camera of the built-in table; `uasthn cameras` lists it.",
+    ),
+    camera_option(
+        "--distortion",
+        type=DistortionType(),
+        default=(),
+        help="Lens distortion, OpenCV's order.",
+    ),
+    camera_option(
+        "--mount-yaw",
+        "mount_yaw_deg",
+        type=ANY_NUMBER,
+        default=0.0,
+        metavar="DEG",
+        show_default=True,
+        help="Turn of the camera about the aircraft's down axis, clockwise seen from above; 0: the"
+        " top of the image is the nose.",
+    ),
+)
+
+prior_options: Final = gathered(
+    "prior",
+    _prior_config,
+    time_option(
+        "--time-base",
+        type=click.Choice([base.value for base in TimeBase]),
+        default=_PRIOR.time_base.value,
+        show_default=True,
+        help="Which clock dates the log: the ground station's (record), the vehicle's"
+        " (SYSTEM_TIME), or whichever fits the frames (auto).",
+    ),
+    time_option(
+        "--time-offset",
+        "time_offset_s",
+        type=ANY_NUMBER,
+        default=_PRIOR.time_offset_s,
+        metavar="SECONDS",
+        show_default=True,
+        help="Added to every frame's time before it is looked up in the log. Example: a frame"
+        " named 12:00:00 was taken when the log read 12:00:02.5, so --time-offset 2.5.",
+    ),
+    time_option(
+        "--max-gap",
+        "max_gap_s",
+        type=ABOVE_ZERO,
+        default=_PRIOR.max_gap_s,
+        metavar="SECONDS",
+        show_default=True,
+        help="Longest hole in the log that is interpolated across.",
+    ),
+    time_option(
+        "--height-m",
+        type=ABOVE_ZERO,
+        metavar="M",
+        help="Height above ground of the whole flight, instead of the log's.",
+    ),
+)

@@ -1,0 +1,86 @@
+"""Kinds of option values that click does not know: each refuses nonsense in one line."""
+
+import math
+import re
+from typing import Any, Final
+
+import click
+
+DISTORTION_COUNTS: Final = (4, 5, 8, 12, 14)
+"""Numbers of coefficients that OpenCV's camera models take."""
+
+
+class FiniteRange(click.FloatRange):
+    """A number within bounds that is neither infinite nor undefined."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return the value as a float."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number", param, ctx)
+        return number
+
+
+ABOVE_ZERO: Final = FiniteRange(min=0, min_open=True)
+ANY_NUMBER: Final = FiniteRange()
+
+
+class DistortionType(click.ParamType[tuple[float, ...]]):
+    """Distortion coefficients, comma-separated, in OpenCV's order k1,k2,p1,p2[,k3,…]."""
+
+    name = "K1,K2,P1,P2[,K3…]"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Return the coefficients."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            coefficients = tuple(float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers separated by commas", param, ctx)
+        if len(coefficients) not in DISTORTION_COUNTS or not all(map(math.isfinite, coefficients)):
+            self.fail(
+                f"{value!r} has {len(coefficients)} coefficients; OpenCV's models take"
+                f" {', '.join(map(str, DISTORTION_COUNTS))} finite ones",
+                param,
+                ctx,
+            )
+        return coefficients
+
+
+class StdThresholdType(click.ParamType[tuple[float, str]]):
+    """A standard deviation with its unit: ``10m`` on the ground, ``4px`` at the width W_R."""
+
+    name = "10m|4px"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, str]:
+        """Return the number and ``m`` or ``px``."""
+        if isinstance(value, tuple):
+            return value
+        match = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(m|px)\s*", str(value))
+        if match is None or float(match[1]) == 0:
+            self.fail(
+                f"{value!r} is not a positive number with its unit, say 10m or 4px", param, ctx
+            )
+        return float(match[1]), match[2]
+
+
+class CrsType(click.ParamType[str]):
+    """``map`` for the map's own CRS, or ``EPSG:n``."""
+
+    name = "map|EPSG:n"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return ``map`` or the EPSG code in capitals."""
+        text = str(value)
+        if text.lower() == "map":
+            return "map"
+        if re.fullmatch(r"(?i)epsg:\d+", text) is None:
+            self.fail(f"{text!r} is neither 'map' nor an EPSG code such as EPSG:32640", param, ctx)
+        return text.upper()
