@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 from pyproj import CRS, Geod, Transformer
-from pyproj.exceptions import CRSError
+from pyproj.exceptions import CRSError, ProjError
 
 from uasthn_cli.types import FloatArray
 
@@ -54,14 +54,51 @@ def distance_m(a_lat_lon_deg: FloatArray, b_lat_lon_deg: FloatArray) -> FloatArr
 def to_crs(crs: Any, lat_lon_deg: FloatArray) -> FloatArray:
     """Map ``(lat, lon)`` degrees ``(..., 2)`` to ``(x, y)`` of any CRS that pyproj understands.
 
+    Points outside the domain of the CRS come back infinite.
+
+    Raises:
+        ValueError: the CRS is not understood, or not tied to the earth.
+    """
+    lat_lon = np.asarray(lat_lon_deg, dtype=np.float64)
+    transformer = _transformer(CRS.from_epsg(4326), _understood(crs))
+    x, y = transformer.transform(lat_lon[..., 1], lat_lon[..., 0])
+    return np.stack([x, y], axis=-1)
+
+
+def from_crs(crs: Any, points: FloatArray) -> FloatArray:
+    """Map ``(x, y)`` ``(..., 2)`` of any CRS that pyproj understands to ``(lat, lon)`` degrees.
+
+    Points outside the domain of the CRS come back infinite.
+
+    Raises:
+        ValueError: the CRS is not understood, or not tied to the earth.
+    """
+    xy = np.asarray(points, dtype=np.float64)
+    transformer = _transformer(_understood(crs), CRS.from_epsg(4326))
+    lon, lat = transformer.transform(xy[..., 0], xy[..., 1])
+    return np.stack([lat, lon], axis=-1)
+
+
+def is_geographic(crs: Any) -> bool:
+    """Tell whether a CRS counts in degrees.
+
     Raises:
         ValueError: the CRS is not understood.
     """
+    return bool(_understood(crs).is_geographic)
+
+
+def _understood(crs: Any) -> CRS:
+    """Return the CRS meant by whatever pyproj understands."""
     try:
-        target = CRS.from_user_input(crs)
+        return CRS.from_user_input(crs)
     except CRSError as error:
         raise ValueError(f"unknown coordinate reference system {crs!r}") from error
-    lat_lon = np.asarray(lat_lon_deg, dtype=np.float64)
-    transformer = Transformer.from_crs(CRS.from_epsg(4326), target, always_xy=True)
-    x, y = transformer.transform(lat_lon[..., 1], lat_lon[..., 0])
-    return np.stack([x, y], axis=-1)
+
+
+def _transformer(source: CRS, target: CRS) -> Transformer:
+    """Return the transformation between two CRS, x (east or longitude) first."""
+    try:
+        return Transformer.from_crs(source, target, always_xy=True)
+    except ProjError as error:
+        raise ValueError(f"no way from {source.name!r} to {target.name!r}") from error

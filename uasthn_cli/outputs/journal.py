@@ -1,0 +1,112 @@
+"""What a run has finished so far: nothing is computed twice when the process dies."""
+
+import json
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Final, Self
+
+from uasthn_cli.errors import OutputError
+from uasthn_cli.outputs.formatting import frame_of
+from uasthn_cli.outputs.result_json import decode_result, encode_result
+from uasthn_cli.types import FrameResult
+
+LOGGER = logging.getLogger(__name__)
+
+JOURNAL_NAME: Final = ".frames.partial.jsonl"
+
+
+class Journal:
+    """One line of JSON per finished frame, behind a first line that says what it belongs to.
+
+    Opening reads back what an earlier run with the same fingerprint finished (``finished``, by
+    frame name) and goes on after it; a torn last line is cut off, the journal of other inputs or
+    arguments is discarded.
+    """
+
+    def __init__(self, out_dir: Path, fingerprint: str) -> None:
+        """Open or start the journal of a results folder.
+
+        Raises:
+            OutputError: it cannot be read or written.
+        """
+        self.path = out_dir / JOURNAL_NAME
+        header = (json.dumps({"fingerprint": fingerprint}) + "\n").encode("ascii")
+        try:
+            self._finished, kept_bytes = _read_back(self.path, header)
+            self._file: BinaryIO = self.path.open("r+b" if kept_bytes else "wb")
+            self._file.truncate(kept_bytes)
+            self._file.seek(kept_bytes)
+            if not kept_bytes:
+                self._write(header)
+        except OSError as error:
+            raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from error
+
+    @property
+    def finished(self) -> Mapping[str, FrameResult]:
+        """Results by frame name: read back, and appended since."""
+        return self._finished
+
+    def append(self, result: FrameResult) -> None:
+        """Add a finished frame; it survives the death of the process from here on.
+
+        Raises:
+            OutputError: the journal cannot be written (say, a full disk).
+        """
+        try:
+            self._write(encode_result(result).encode("ascii") + b"\n")
+        except OSError as error:
+            raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from error
+        self._finished[frame_of(result).name] = result
+
+    def close(self) -> None:
+        """Close the file and keep it for the next run."""
+        self._file.close()
+
+    def remove(self) -> None:
+        """Close and delete the file: the final results are written."""
+        self.close()
+        self.path.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        """Return the journal."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the file and keep it, whatever ended the run."""
+        self.close()
+
+    def _write(self, line: bytes) -> None:
+        """Hand a line to the operating system."""
+        self._file.write(line)
+        self._file.flush()
+
+
+def _read_back(path: Path, header: bytes) -> tuple[dict[str, FrameResult], int]:
+    """Return finished results by frame name, and how many bytes of the file hold them."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return {}, 0
+    if not content.startswith(header):
+        LOGGER.warning("%s belongs to other inputs or arguments and is discarded", path)
+        return {}, 0
+    finished: dict[str, FrameResult] = {}
+    kept_bytes = len(header)
+    for line in content[kept_bytes:].splitlines(keepends=True):
+        try:
+            result = decode_result(line)
+        except ValueError:
+            break
+        if not line.endswith(b"\n"):
+            break
+        finished[frame_of(result).name] = result
+        kept_bytes += len(line)
+    LOGGER.info("%d finished frames are taken over from %s", len(finished), path)
+    return finished, kept_bytes

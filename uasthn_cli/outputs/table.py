@@ -1,0 +1,170 @@
+"""``frames.csv``: one row per frame, byte-identical for identical results."""
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from uasthn_cli.geometry.geodesy import is_geographic, to_crs
+from uasthn_cli.outputs import atomic
+from uasthn_cli.outputs.formatting import (
+    DEGREE_DECIMALS,
+    METRE_DECIMALS,
+    fixed,
+    frame_of,
+    iso_utc,
+    safe_text,
+    time_of,
+)
+from uasthn_cli.outputs.truth import (
+    Truth,
+    center_error_m,
+    mean_corner_error_m,
+    prior_error_m,
+)
+from uasthn_cli.types import Fix, FrameFailure, FrameResult, Prior
+
+CORNERS: Final = ("tl", "tr", "bl", "br")
+LEADING_COLUMNS: Final = (
+    *("frame", "time_utc", "lat", "lon", "center_lat", "center_lon"),
+    *("accepted", "reason", "u_m", "offset_m"),
+    *(f"{corner}_{axis}" for corner, axis in product(CORNERS, ("lat", "lon"))),
+    *("prior_lat", "prior_lon", "agl_m", "yaw_deg", "gsd_m", "source"),
+    *(f"u_{corner}_{axis}_m" for corner, axis in product(CORNERS, ("x", "y"))),
+)
+PROJECTED_COLUMNS: Final = ("x", "y", "center_x", "center_y")
+
+_YAW_DECIMALS: Final = 3
+_GSD_DECIMALS: Final = 5  # multiplied by hundreds of pixels before it is a distance
+_CONFIDENCE_DECIMALS: Final = 4
+
+
+def columns(truth: Truth | None, crs: str | None) -> list[str]:
+    """Return the header: leading columns, errors against truth, the rest, positions in a CRS."""
+    errors = ["ce_m", "mace_m"] if truth else []
+    prior_error = ["prior_ce_m"] if truth and truth.has_camera else []
+    projected = PROJECTED_COLUMNS if crs else ()
+    return [*LEADING_COLUMNS, *errors, *prior_error, "confidence", "detail", *projected]
+
+
+def to_rows(
+    results: Sequence[FrameResult], truth: Truth | None, crs: str | None
+) -> list[list[str]]:
+    """Return one row of cells per result, in the order of :func:`columns`.
+
+    A rejected frame keeps its estimate; what a frame without one does not know stays empty.
+
+    Raises:
+        ValueError: the CRS is not understood.
+    """
+    names = columns(truth, crs)
+    rows = []
+    for result, projected in zip(results, _projected_cells(results, crs), strict=True):
+        cells = _common_cells(result) | projected | _error_cells(result, truth)
+        cells |= _fix_cells(result) if isinstance(result, Fix) else _failure_cells(result)
+        rows.append([cells.get(name, "") for name in names])
+    return rows
+
+
+def frames_csv(results: Sequence[FrameResult], truth: Truth | None, crs: str | None) -> str:
+    """Return the whole table as CSV: quoted by RFC 4180, lines ended by a line feed.
+
+    Raises:
+        ValueError: the CRS is not understood.
+    """
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns(truth, crs))
+    writer.writerows(to_rows(results, truth, crs))
+    return text.getvalue()
+
+
+def write_frames_csv(
+    path: Path, results: Sequence[FrameResult], truth: Truth | None, crs: str | None
+) -> None:
+    """Write the table atomically.
+
+    Raises:
+        OutputError: the file cannot be written.
+        ValueError: the CRS is not understood.
+    """
+    atomic.write_text(path, frames_csv(results, truth, crs))
+
+
+def _common_cells(result: FrameResult) -> dict[str, str]:
+    """Return what every result may know: frame, time, prior."""
+    cells = {"frame": safe_text(frame_of(result).name), "time_utc": iso_utc(time_of(result))}
+    prior: Prior | None = result.prior
+    if prior is not None:
+        cells["prior_lat"] = fixed(prior.lat_deg, DEGREE_DECIMALS)
+        cells["prior_lon"] = fixed(prior.lon_deg, DEGREE_DECIMALS)
+        cells["agl_m"] = fixed(prior.height_above_ground_m, METRE_DECIMALS)
+    return cells
+
+
+def _failure_cells(failure: FrameFailure) -> dict[str, str]:
+    """Return why there is no estimate."""
+    detail = safe_text(failure.detail)
+    return {"accepted": "false", "reason": failure.reason.value, "detail": detail}
+
+
+def _fix_cells(fix: Fix) -> dict[str, str]:
+    """Return the estimate, its uncertainty and what it is worth."""
+    cells = {
+        "lat": fixed(fix.lat_deg, DEGREE_DECIMALS),
+        "lon": fixed(fix.lon_deg, DEGREE_DECIMALS),
+        "center_lat": fixed(fix.center_lat_deg, DEGREE_DECIMALS),
+        "center_lon": fixed(fix.center_lon_deg, DEGREE_DECIMALS),
+        "accepted": "true" if fix.accepted else "false",
+        "reason": fix.reason.value if fix.reason else "",
+        "u_m": fixed(fix.uncertainty_m, METRE_DECIMALS),
+        "offset_m": fixed(fix.offset_m, METRE_DECIMALS),
+        "yaw_deg": fixed(fix.yaw_deg, _YAW_DECIMALS),
+        "gsd_m": fixed(fix.gsd_m, _GSD_DECIMALS),
+        "source": fix.source,
+        "confidence": fixed(fix.confidence, _CONFIDENCE_DECIMALS),
+    }
+    for k, corner in enumerate(CORNERS):
+        cells[f"{corner}_lat"] = fixed(fix.corners_deg[k, 0], DEGREE_DECIMALS)
+        cells[f"{corner}_lon"] = fixed(fix.corners_deg[k, 1], DEGREE_DECIMALS)
+        cells[f"u_{corner}_x_m"] = fixed(fix.corner_std_m[k, 0], METRE_DECIMALS)
+        cells[f"u_{corner}_y_m"] = fixed(fix.corner_std_m[k, 1], METRE_DECIMALS)
+    return cells
+
+
+def _error_cells(result: FrameResult, truth: Truth | None) -> dict[str, str]:
+    """Return the errors against truth; nothing where the table does not list the frame."""
+    true = truth.frames.get(frame_of(result).name) if truth else None
+    if true is None:
+        return {}
+    cells = {}
+    if isinstance(result, Fix):
+        cells["ce_m"] = fixed(center_error_m(result, true), METRE_DECIMALS)
+        cells["mace_m"] = fixed(mean_corner_error_m(result, true), METRE_DECIMALS)
+    if result.prior is not None:
+        cells["prior_ce_m"] = fixed(prior_error_m(result.prior, true), METRE_DECIMALS)
+    return cells
+
+
+def _projected_cells(results: Sequence[FrameResult], crs: str | None) -> Iterator[dict[str, str]]:
+    """Yield camera and centre in another CRS per result, all transformed at once."""
+    if crs is None:
+        yield from ({} for _ in results)
+        return
+    decimals = DEGREE_DECIMALS if is_geographic(crs) else METRE_DECIMALS
+    degrees = [
+        [[fix.lat_deg, fix.lon_deg], [fix.center_lat_deg, fix.center_lon_deg]]
+        for fix in results
+        if isinstance(fix, Fix)
+    ]
+    points = iter(to_crs(crs, np.array(degrees).reshape(-1, 2, 2)).reshape(-1, 4))
+    for result in results:
+        values = next(points) if isinstance(result, Fix) else ()
+        yield {
+            name: fixed(value, decimals)
+            for name, value in zip(PROJECTED_COLUMNS, values, strict=False)
+        }
