@@ -1,0 +1,140 @@
+"""``uasthn report``: summarise finished runs, compare them, and gate on them."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from uasthn_cli.commands.parameter_types import ABOVE_ZERO, FiniteRange
+from uasthn_cli.commands.sections import SectionedCommand, section_option
+from uasthn_cli.errors import GateMissedError
+
+if TYPE_CHECKING:
+    from uasthn_cli.report.load import RunResults
+    from uasthn_cli.report.render import ReportColumn
+
+_FRACTION: Final = FiniteRange(min=0, max=1)
+_PIPED_WIDTH: Final = 10_000
+
+_EXAMPLES: Final = """\
+\b
+What did the wider search gain, and what over the GPS alone?
+  uasthn report out/radius200 out/radius450 --baseline prior
+In cron: keep the figures, speak up only when the flight went badly
+(a gate that needs truth is missed by a run without):
+  uasthn report out/today --json --min-accepted 0.5 --max-ce 25 > today.json
+"""
+
+figure_option = section_option("Figures")
+gate_option = section_option("Gates (exit code 4 when one is missed)")
+
+
+@click.command(cls=SectionedCommand, epilog=_EXAMPLES)
+@click.argument(
+    "folders", metavar="DIR...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@figure_option("--json", "as_json", is_flag=True, help="Print a JSON list, one object per DIR.")
+@figure_option(
+    "--tolerance-m",
+    type=ABOVE_ZERO,
+    default=25.0,
+    show_default=True,
+    metavar="METRES",
+    help="CE up to which a frame counts as found.",
+)
+@figure_option(
+    "--baseline",
+    type=click.Choice(["prior"]),
+    help="Show beside each run what the GPS prior alone would have given on the same frames:"
+    " the distance of its camera position from the true one.",
+)
+@gate_option(
+    "--min-accepted",
+    type=_FRACTION,
+    metavar="SHARE",
+    help="Least accepted fraction of all frames.",
+)
+@gate_option(
+    "--max-ce",
+    type=ABOVE_ZERO,
+    metavar="METRES",
+    help="Largest median CE of accepted frames.",
+)
+@gate_option(
+    "--min-within25",
+    type=_FRACTION,
+    metavar="SHARE",
+    help="Least share of accepted frames with a CE of at most 25 m, whatever --tolerance-m says.",
+)
+def report(
+    folders: tuple[Path, ...],
+    as_json: bool,
+    tolerance_m: float,
+    baseline: str | None,
+    min_accepted: float | None,
+    max_ce: float | None,
+    min_within25: float | None,
+) -> None:
+    """Summarise finished runs: DIR is what `uasthn geotag --out` wrote.
+
+    Shows frames, accepted fraction (the paper's success rate) and reasons. Runs with --truth also
+    show CE, the distance of the frame centre from the truth, MACE, the mean distance of its four
+    corners, and the shares of frames within the tolerance: of all frames, where one without an
+    estimate counts as not within, and of the accepted ones. Several runs stand side by side.
+    """
+    from uasthn_cli.report.gates import Gates, missed_gates
+
+    runs = print_report(folders, tolerance_m, baseline == "prior", as_json)
+    gates = Gates(min_accepted=min_accepted, max_ce_m=max_ce, min_within25=min_within25)
+    missed = [phrase for run in runs for phrase in missed_gates(run, gates)]
+    if missed:
+        raise GateMissedError("; ".join(missed))
+
+
+def print_report(
+    folders: Sequence[Path], tolerance_m: float, with_prior: bool, as_json: bool = False
+) -> "list[RunResults]":
+    """Print results folders side by side on stdout and return them.
+
+    Raises:
+        ResultsError: a folder holds no finished run.
+    """
+    from uasthn_cli.report.baseline import prior_accuracy
+    from uasthn_cli.report.load import load_run
+    from uasthn_cli.report.metrics import summarise
+    from uasthn_cli.report.render import ReportColumn, report_json
+
+    runs = [load_run(folder) for folder in folders]
+    columns = []
+    for run in runs:
+        prior = prior_accuracy(run, tolerance_m) if with_prior else None
+        if with_prior and prior is None:
+            click.echo(f"{run.name}: no baseline, there are no true camera positions", err=True)
+        columns.append(ReportColumn(run.name, run.version, summarise(run, tolerance_m), prior))
+    if as_json:
+        click.echo(report_json(columns))
+    else:
+        _print_table(columns)
+    return runs
+
+
+def _print_table(columns: "Sequence[ReportColumn]") -> None:
+    """Print the table: as wide as the terminal, or uncut and uncoloured for a pipe or a file."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from uasthn_cli.report.render import report_table
+
+    header, *rows = report_table(columns)
+    table = Table(show_edge=False, pad_edge=False)
+    table.add_column(header[0])
+    for name in header[1:]:
+        table.add_column(Text(name), justify="right", overflow="fold")
+    for row in rows:
+        table.add_row(*map(Text, row))
+    is_terminal = sys.stdout.isatty()
+    console = Console(width=None if is_terminal else _PIPED_WIDTH, no_color=not is_terminal)
+    console.print(table)
