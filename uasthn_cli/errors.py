@@ -95,3 +95,9 @@ class ResultsError(UasthnError):
     """A results folder given to ``uasthn report`` is missing or incomplete."""
 
     exit_code = 22
+
+
+class RunInterruptedError(UasthnError):
+    """Ctrl-C stopped a run that goes on when the same command is given again."""
+
+    exit_code = 130
