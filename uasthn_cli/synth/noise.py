@@ -1,0 +1,87 @@
+"""Fractal noise and cheap wide blurs: the raw material of every landscape."""
+
+import math
+
+import cv2
+import numpy as np
+
+from uasthn_cli.types import ImageArray
+
+_SMALL_SIGMA_PX = 4.0
+
+
+def fractal_noise(
+    rng: np.random.Generator,
+    shape: tuple[int, int],
+    gsd_m: float,
+    wavelength_m: float,
+    *,
+    roughness: float = 0.5,
+    finest_m: float = 0.0,
+) -> ImageArray:
+    """Return noise ``(h, w)`` of zero mean and unit deviation, longest wave ``wavelength_m``.
+
+    Octaves are stacked from coarse to fine, each ``roughness`` times as strong as the one before,
+    down to ``finest_m`` or the pixel. Midpoint refinement: every octave doubles the grid, so the
+    cost is that of the last octave.
+    """
+    height, width = shape
+    finest_m = max(finest_m, gsd_m)
+    octaves = max(1, round(math.log2(max(wavelength_m / (2.0 * finest_m), 1.0))) + 1)
+    spacing_px = max(wavelength_m / (2.0 * gsd_m), 1.0)
+    rows, columns = math.ceil(height / spacing_px) + 4, math.ceil(width / spacing_px) + 4
+    field = rng.standard_normal((rows, columns), dtype=np.float32)
+    amplitude = 1.0
+    for _ in range(octaves - 1):
+        amplitude *= roughness
+        doubled = cv2.resize(field, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
+        field = np.asarray(doubled, dtype=np.float32)
+        field += amplitude * rng.standard_normal(field.shape, dtype=np.float32)
+        field = _trimmed(field, height, width, spacing_px / 2 ** (octaves - 1))
+    return standardised(_resampled(rng, field, shape, spacing_px / 2 ** (octaves - 1)))
+
+
+def smooth(field: ImageArray, sigma_px: float) -> ImageArray:
+    """Blur ``(h, w)`` or ``(h, w, c)`` by a Gaussian; wide ones on a smaller copy."""
+    if sigma_px <= 0.0:
+        return field
+    if sigma_px <= _SMALL_SIGMA_PX:
+        return np.asarray(cv2.GaussianBlur(field, (0, 0), sigma_px), dtype=np.float32)
+    height, width = field.shape[:2]
+    factor = sigma_px / 2.0
+    small = (max(2, math.ceil(width / factor)), max(2, math.ceil(height / factor)))
+    shrunk = cv2.GaussianBlur(cv2.resize(field, small, interpolation=cv2.INTER_AREA), (0, 0), 2.0)
+    return np.asarray(
+        cv2.resize(shrunk, (width, height), interpolation=cv2.INTER_CUBIC), dtype=np.float32
+    )
+
+
+def standardised(field: ImageArray) -> ImageArray:
+    """Return a field with zero mean and unit deviation."""
+    mean, deviation = cv2.meanStdDev(field)
+    return np.asarray((field - float(mean[0, 0])) / (float(deviation[0, 0]) + 1e-9), np.float32)
+
+
+def _trimmed(field: ImageArray, height: int, width: int, spacing_px: float) -> ImageArray:
+    """Cut rows and columns that lie outside the image at the final spacing, a margin kept."""
+    rows, columns = math.ceil(height / spacing_px) + 8, math.ceil(width / spacing_px) + 8
+    return field[:rows, :columns]
+
+
+def _resampled(
+    rng: np.random.Generator, field: ImageArray, shape: tuple[int, int], spacing_px: float
+) -> ImageArray:
+    """Read the noise grid at the image's pixels, from a random place within its margin."""
+    scale = 1.0 / spacing_px
+    offset = rng.uniform(1.0, 2.5, 2)
+    matrix = np.array([[scale, 0.0, offset[0]], [0.0, scale, offset[1]]])
+    return np.asarray(
+        cv2.warpAffine(
+            field,
+            matrix,
+            (shape[1], shape[0]),
+            flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REFLECT_101,
+        ),
+        dtype=np.float32,
+    )

@@ -1,0 +1,139 @@
+"""The place by day from space: colours, texture, sunlight, shadows, haze, a blurred sensor."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uasthn_cli.synth.materials import Climate, Material
+from uasthn_cli.synth.noise import fractal_noise, smooth
+from uasthn_cli.synth.scene import Date, Scene
+from uasthn_cli.synth.terrain import cast_shadow, hollowness, slopes, sunlight
+from uasthn_cli.types import ImageArray
+
+
+@dataclass(frozen=True, slots=True)
+class Daylight:
+    """Sun and picture processing of one satellite image."""
+
+    azimuth_rad: float
+    elevation_rad: float
+    relief_contrast: float
+    haze: float
+    contrast: float
+    tint: tuple[float, float, float]
+    blur_px: float
+
+
+def draw_daylight(rng: np.random.Generator) -> Daylight:
+    """Draw a sun between morning and afternoon (one in five south of the equator) and a look."""
+    azimuth = rng.uniform(100.0, 230.0) - (180.0 if rng.random() < 0.2 else 0.0)
+    tint = rng.normal(1.0, 0.02, 3)
+    return Daylight(
+        azimuth_rad=math.radians(azimuth),
+        elevation_rad=math.radians(rng.uniform(38.0, 65.0)),
+        relief_contrast=float(rng.uniform(0.5, 1.0)),
+        haze=float(rng.uniform(0.0, 0.10)),
+        contrast=float(rng.uniform(0.85, 1.15)),
+        tint=(float(tint[0]), float(tint[1]), float(tint[2])),
+        blur_px=float(rng.uniform(0.45, 0.8)),
+    )
+
+
+def satellite_image(scene: Scene, daylight: Daylight) -> NDArray[np.uint8]:
+    """Return the scene's satellite image ``(h, w, 3)`` RGB."""
+    image = _patch_colours(scene)
+    image *= (1.0 + _texture(scene))[..., None]
+    for overlay in scene.overlays:
+        alpha = overlay.day.astype(np.float32)[..., None] * np.float32(1.0 / 255.0)
+        image += alpha * (np.array(overlay.colour, dtype=np.float32) - image)
+    _tint_ground(scene, image)
+    _light(scene, image, daylight)
+    return _developed(scene, image, daylight)
+
+
+def row_stripes(scene: Scene, date: Date) -> ImageArray:
+    """Return the row pattern ``(h, w)``: each patch's stripes times its row contrast.
+
+    Rows closer than two pixels fade out instead of aliasing.
+    """
+    patches = scene.patches
+    spacing_px = np.array([patch.row_spacing_m for patch in patches]) / scene.gsd_m
+    angles = np.array([patch.row_angle_rad for patch in patches])
+    visible = np.clip((spacing_px - 2.0) / 2.0, 0.0, 1.0)
+    contrast = (np.array([p.row_contrast for p in patches]) * visible).astype(np.float32)
+    index = scene.rasters(date)[0]
+    if not contrast[np.bincount(index.ravel(), minlength=len(patches)) > 0].any():
+        return np.zeros(scene.shape, dtype=np.float32)
+    wave_x = (2.0 * math.pi * np.cos(angles) / spacing_px).astype(np.float32)
+    wave_y = (2.0 * math.pi * np.sin(angles) / spacing_px).astype(np.float32)
+    y, x = np.indices(scene.shape, dtype=np.float32)
+    phase = wave_x[index] * x + wave_y[index] * y
+    phase += 0.5 * fractal_noise(scene.rng, scene.shape, scene.gsd_m, 80.0, finest_m=10.0)
+    waves = np.sin(phase) + np.float32(0.5) * np.sin(np.float32(0.37) * phase)
+    return np.asarray(contrast[index] * waves, dtype=np.float32)
+
+
+def _patch_colours(scene: Scene) -> ImageArray:
+    """Return the bare colour of every pixel's patch."""
+    table = np.array([patch.colour for patch in scene.patches], dtype=np.float32)
+    image: ImageArray = table[scene.day]
+    return image
+
+
+def _texture(scene: Scene) -> ImageArray:
+    """Return relative brightness changes: grain and blotches by patch, rows."""
+    mottle = np.array([patch.mottle for patch in scene.patches], dtype=np.float32)
+    grain = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 6.0, roughness=0.8)
+    blotches = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 110.0, roughness=0.6)
+    texture: ImageArray = mottle[scene.day] * (0.5 * grain + blotches)
+    return texture + row_stripes(scene, Date.DAY)
+
+
+def _tint_ground(scene: Scene, image: ImageArray) -> None:
+    """Vary the hue slowly; redden steep sand and grey the sand of hollows, as Bing shows dunes."""
+    drift = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 700.0, finest_m=15.0)
+    axis = scene.rng.normal(0.0, 0.012, 3).astype(np.float32)
+    image += drift[..., None] * axis
+    materials = np.array([patch.material for patch in scene.patches])
+    sandy = np.isin(materials, (Material.SAND,)).astype(np.float32)[scene.day]
+    if scene.climate is Climate.ARID and sandy.any():
+        east, north = slopes(scene.ground_m, scene.gsd_m)
+        steep = np.clip(np.hypot(east, north) / 0.5, 0.0, 1.0)
+        hollow = np.clip(hollowness(scene.ground_m, scene.gsd_m, 40.0) / 2.0, -1.0, 1.0)
+        image += (sandy * steep)[..., None] * np.array([0.05, 0.005, -0.03], dtype=np.float32)
+        image += (sandy * hollow)[..., None] * np.array([-0.03, -0.012, 0.0], dtype=np.float32)
+
+
+def _light(scene: Scene, image: ImageArray, daylight: Daylight) -> None:
+    """Shade relief and crowns, and darken what lies in shadow (skylight stays, a little blue)."""
+    surface = scene.ground_m + scene.above_m * _crown_share(scene)
+    light = sunlight(surface, scene.gsd_m, daylight.azimuth_rad, daylight.elevation_rad)
+    gain = 1.0 + daylight.relief_contrast * 0.75 * (light - 1.0)
+    shadow = cast_shadow(scene.above_m, scene.gsd_m, daylight.azimuth_rad, daylight.elevation_rad)
+    shadow = smooth(shadow, 0.5)
+    for channel, kept in enumerate((0.36, 0.40, 0.47)):
+        image[..., channel] *= gain * (1.0 - (1.0 - kept) * shadow)
+
+
+def _crown_share(scene: Scene) -> ImageArray:
+    """Return where heights above ground are crowns (rounded) rather than roofs (flat)."""
+    share = np.zeros(scene.shape, dtype=np.float32)
+    for overlay in scene.overlays:
+        if overlay.material in (Material.CROWN, Material.SCRUB):
+            share = np.maximum(share, overlay.day * np.float32(0.35 / 255.0))
+    return share
+
+
+def _developed(scene: Scene, image: ImageArray, daylight: Daylight) -> NDArray[np.uint8]:
+    """Blur by the satellite's optics, add haze and grain, stretch, quantise."""
+    image = smooth(image, daylight.blur_px)
+    mean = float(image.mean())
+    image = (image - mean) * daylight.contrast + mean
+    image = image * np.array(daylight.tint, dtype=np.float32) * (1.0 - daylight.haze)
+    image += daylight.haze * np.array([0.62, 0.68, 0.74], dtype=np.float32)
+    grain = scene.rng.standard_normal(scene.shape, dtype=np.float32)
+    image += 0.006 * cv2.GaussianBlur(grain, (0, 0), 0.6)[..., None]
+    return np.asarray(np.clip(image * 255.0 + 0.5, 0.0, 255.0).astype(np.uint8))
