@@ -5,27 +5,52 @@ import numpy as np
 
 from uasthn_cli.synth.materials import Climate, Material
 from uasthn_cli.synth.noise import fractal_noise, smooth
-from uasthn_cli.synth.scene import Scene
+from uasthn_cli.synth.scene import Patch, Scene
 from uasthn_cli.types import BoolArray, FloatArray
 
 
 def open_ground(scene: Scene) -> None:
-    """Lay the first patches: soil and grass (sand and soil where it is arid) in ragged pieces."""
+    """Lay the first patches: sand and gravel where it is arid, else grass and soil in pieces."""
     arid = scene.climate is Climate.ARID
     first = Material.SAND if arid else Material.GRASS
-    scene.fill(_outline(scene), scene.new_patch(first, mottle=0.035 if arid else 0.07))
+    scene.fill(_outline(scene), scene.new_patch(first, mottle=0.02 if arid else 0.07))
+    if arid:
+        for _ in range(int(scene.rng.integers(0, 3))):
+            _gravel_flat(scene, scene.patches[-1])
+        return
     for _ in range(3):
-        share = float(scene.rng.uniform(0.1, 0.4))
-        scale_m = float(scene.rng.uniform(150.0, 500.0))
-        others = (Material.SAND, Material.SOIL) if arid else (Material.GRASS, Material.SOIL)
-        material = others[int(scene.rng.random() < 0.35)]
-        patch = scene.new_patch(material, mottle=float(scene.rng.uniform(0.03, 0.09)))
-        scene.paint(ragged_mask(scene, share, scale_m), patch)
+        mask = ragged_mask(
+            scene, float(scene.rng.uniform(0.1, 0.4)), float(scene.rng.uniform(150.0, 500.0))
+        )
+        material = Material.SOIL if scene.rng.random() < 0.35 else Material.GRASS
+        scene.paint(mask, scene.new_patch(material, mottle=float(scene.rng.uniform(0.03, 0.09))))
+
+
+def _gravel_flat(scene: Scene, sand: Patch) -> None:
+    """Bare the ground between dunes: a little darker and greyer than the sand beside it."""
+    bluer = abs(scene.rng.normal(0.0, 0.03))
+    shade = scene.rng.normal(0.95, 0.025) * np.array([1.0, 1.0, 1.0 + bluer])
+    r, g, b = (float(channel) for channel in np.asarray(sand.colour) * shade)
+    warmth_k = sand.warmth_k + float(scene.rng.normal(0.0, 0.25))
+    flat = scene.add_patch(Patch(Material.SAND, (r, g, b), warmth_k, 0.03))
+    ragged = fractal_noise(
+        scene.rng, scene.shape, scene.gsd_m, 120.0, roughness=0.65, finest_m=2.0 * scene.gsd_m
+    )
+    low = scene.ground_m + np.float32(0.5) * ragged
+    level = np.quantile(cv2.resize(low, (64, 64)), scene.rng.uniform(0.08, 0.35))
+    scene.paint(np.asarray(low < level), flat)
 
 
 def ragged_mask(scene: Scene, share: float, wavelength_m: float) -> BoolArray:
     """Return a ragged mask ``(h, w)`` that covers about ``share`` of the scene."""
-    field = fractal_noise(scene.rng, scene.shape, scene.gsd_m, wavelength_m, roughness=0.55)
+    field = fractal_noise(
+        scene.rng,
+        scene.shape,
+        scene.gsd_m,
+        wavelength_m,
+        roughness=0.55,
+        finest_m=2.0 * scene.gsd_m,
+    )
     sample = cv2.resize(field, (64, 64), interpolation=cv2.INTER_AREA)
     return np.asarray(field > np.quantile(sample, 1.0 - share))
 

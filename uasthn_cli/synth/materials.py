@@ -93,13 +93,13 @@ _ARID: dict[Material, list[Colour]] = {
 _TEMPERATE: dict[Material, list[Colour]] = {
     Material.SAND: [(0.74, 0.69, 0.57), (0.69, 0.64, 0.53)],
     Material.SOIL: [(0.47, 0.39, 0.30), (0.57, 0.50, 0.40), (0.38, 0.31, 0.25), (0.64, 0.59, 0.50)],
-    Material.GRASS: [(0.36, 0.44, 0.29), (0.45, 0.51, 0.34), (0.53, 0.54, 0.39)],
+    Material.GRASS: [(0.33, 0.40, 0.28), (0.42, 0.47, 0.33), (0.50, 0.51, 0.38)],
     Material.CROP: [
-        (0.25, 0.39, 0.24),
-        (0.32, 0.46, 0.27),
-        (0.21, 0.33, 0.22),
-        (0.41, 0.50, 0.31),
-        (0.58, 0.60, 0.33),
+        (0.22, 0.34, 0.23),
+        (0.29, 0.40, 0.27),
+        (0.18, 0.29, 0.20),
+        (0.37, 0.46, 0.31),
+        (0.49, 0.52, 0.34),
     ],
     Material.STUBBLE: [(0.66, 0.61, 0.45), (0.57, 0.55, 0.40), (0.71, 0.65, 0.49)],
     Material.WATER: [
@@ -130,6 +130,8 @@ _TEMPERATE: dict[Material, list[Colour]] = {
     Material.MARSH: [(0.31, 0.36, 0.21), (0.42, 0.44, 0.27)],
 }
 
+_NEUTRAL = {Material.PAVED, Material.CONCRETE, Material.SAND, Material.VEHICLE, Material.WATER}
+
 _PALETTES = {Climate.ARID: _ARID, Climate.TEMPERATE: _TEMPERATE}
 
 
@@ -137,7 +139,8 @@ def draw_colour(rng: np.random.Generator, climate: Climate, material: Material) 
     """Draw the colour of one patch: a palette entry, its brightness and hue slightly varied."""
     palette = _PALETTES[climate][material]
     base = np.asarray(palette[int(rng.integers(len(palette)))])
-    varied = np.clip(base * rng.normal(1.0, 0.06) * rng.normal(1.0, 0.025, 3), 0.03, 0.97)
+    hue = 0.008 if material in _NEUTRAL else 0.012
+    varied = np.clip(base * rng.normal(1.0, 0.06) * rng.normal(1.0, hue, 3), 0.03, 0.97)
     return float(varied[0]), float(varied[1]), float(varied[2])
 
 

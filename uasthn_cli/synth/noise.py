@@ -17,17 +17,17 @@ def fractal_noise(
     wavelength_m: float,
     *,
     roughness: float = 0.5,
-    finest_m: float = 0.0,
+    finest_m: float | None = None,
 ) -> ImageArray:
     """Return noise ``(h, w)`` of zero mean and unit deviation, longest wave ``wavelength_m``.
 
     Octaves are stacked from coarse to fine, each ``roughness`` times as strong as the one before,
-    down to ``finest_m`` or the pixel. Midpoint refinement: every octave doubles the grid, so the
-    cost is that of the last octave.
+    down to ``finest_m`` (by default a 32nd of the longest wave). Midpoint refinement: every octave
+    doubles the grid, so the cost is that of the last octave.
     """
     height, width = shape
-    finest_m = max(finest_m, gsd_m)
-    octaves = max(1, round(math.log2(max(wavelength_m / (2.0 * finest_m), 1.0))) + 1)
+    finest_m = max(wavelength_m / 32.0 if finest_m is None else finest_m, gsd_m)
+    octaves = math.floor(math.log2(max(wavelength_m / (2.0 * finest_m), 1.0))) + 1
     spacing_px = max(wavelength_m / (2.0 * gsd_m), 1.0)
     rows, columns = math.ceil(height / spacing_px) + 4, math.ceil(width / spacing_px) + 4
     field = rng.standard_normal((rows, columns), dtype=np.float32)

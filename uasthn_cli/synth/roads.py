@@ -18,17 +18,19 @@ def wandering_tracks(scene: Scene, overlay: Overlay, count: int, bend_rad: float
         line = _crossing(scene, bend_rad)
         chance = scene.rng.random()
         date = Date.DAY if chance < 0.06 else Date.NIGHT if chance < 0.12 else Date.BOTH
-        track(scene, overlay, line, date, float(scene.rng.uniform(2.0, 7.0)))
+        track(scene, overlay, line, date, float(scene.rng.uniform(2.5, 5.5)))
 
 
 def track(scene: Scene, overlay: Overlay, line_px: FloatArray, date: Date, width_m: float) -> None:
-    """Draw one track: one or two braids of worn ground, fainter or clearer."""
-    strands = 1 if scene.rng.random() < 0.6 else int(scene.rng.integers(2, 4))
-    for strand in range(strands):
-        opacity = float(scene.rng.uniform(0.4, 1.0)) if strand == 0 else 0.45
-        shift = _sidestep(scene, line_px, 0.0 if strand == 0 else 1.2 * width_m)
+    """Draw one track: worn ground, fainter or clearer, with side strands."""
+    for _ in range(int(scene.rng.integers(0, 3))):
+        side_m = float(scene.rng.uniform(1.0, 2.5)) * width_m
+        strand = line_px + _sidestep(scene, line_px, side_m)
         for coverage in overlay.layers(date):
-            draw_lines(coverage, [line_px + shift], width_m / scene.gsd_m, opacity)
+            draw_lines(coverage, [strand], 0.4 * width_m / scene.gsd_m, 0.5)
+    opacity = float(scene.rng.uniform(0.5, 1.0))
+    for coverage in overlay.layers(date):
+        draw_lines(coverage, [line_px], width_m / scene.gsd_m, opacity)
 
 
 def paved_road(scene: Scene, line_px: FloatArray, width_m: float) -> None:
@@ -71,8 +73,6 @@ def _crossing(scene: Scene, bend_rad: float) -> FloatArray:
 
 def _sidestep(scene: Scene, line_px: FloatArray, distance_m: float) -> FloatArray:
     """Return small shifts ``(n, 2)`` that carry a strand beside its line and back."""
-    if distance_m == 0.0:
-        return np.zeros_like(line_px)
     direction = np.gradient(line_px, axis=0)
     normal = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-9

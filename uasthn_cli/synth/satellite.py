@@ -95,7 +95,7 @@ def _texture(scene: Scene) -> ImageArray:
 def _tint_ground(scene: Scene, image: ImageArray) -> None:
     """Vary the hue slowly; redden steep sand and grey the sand of hollows, as Bing shows dunes."""
     drift = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 700.0, finest_m=15.0)
-    axis = scene.rng.normal(0.0, 0.012, 3).astype(np.float32)
+    axis = (scene.rng.normal(0.0, 0.012) + scene.rng.normal(0.0, 0.004, 3)).astype(np.float32)
     image += drift[..., None] * axis
     materials = np.array([patch.material for patch in scene.patches])
     sandy = np.isin(materials, (Material.SAND,)).astype(np.float32)[scene.day]

@@ -115,9 +115,18 @@ class Scene:
         """Add an empty overlay of a material on top of those that are there."""
         blank = np.zeros((2, *self.shape), dtype=np.uint8)
         colour = draw_colour(self.rng, self.climate, material)
+        if material is Material.TRACK and self.patches:
+            colour = self._worn(self.patches[0].colour)
         overlay = Overlay(material, colour, self.warmth_k(material), blank[0], blank[1])
         self.overlays.append(overlay)
         return overlay
+
+    def _worn(self, ground: Colour) -> Colour:
+        """Return the colour of driven-on ground: paler, sometimes darker, less coloured."""
+        grey = sum(ground) / 3.0
+        gain = float(self.rng.choice([1.0, 1.0, 1.0, -0.8]) * self.rng.uniform(0.07, 0.2)) + 1.0
+        r, g, b = (min(0.95, gain * (0.7 * channel + 0.3 * grey)) for channel in ground)
+        return r, g, b
 
     def fill(self, ring_px: FloatArray, patch: int, date: Date = Date.BOTH) -> None:
         """Fill polygon ``(n, 2)`` with a patch on the dates given."""
