@@ -8,7 +8,9 @@ import numpy as np
 
 from uasthn_cli.types import FloatArray
 
-_MIN_RELATIVE_DETERMINANT = 1e-9
+_MIN_DETERMINANT = 1e-9
+_MIN_TRIANGLE = 1e-6
+"""Of corners at unit mean distance from their centre: twice the smallest triangle's area."""
 
 
 class DegenerateHomographyError(ValueError):
@@ -33,8 +35,13 @@ def homography_from_corners(corners_a: FloatArray, corners_b: FloatArray) -> Flo
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise DegenerateHomographyError("corners are not finite")
     T_a, T_b = _normaliser(a), _normaliser(b)
-    H_n = _solve_unit_dlt(transform_points(T_a, a), transform_points(T_b, b))
+    a_n, b_n = transform_points(T_a, a), transform_points(T_b, b)
+    if min(_smallest_triangle(a_n), _smallest_triangle(b_n)) < _MIN_TRIANGLE:
+        raise DegenerateHomographyError("three corners lie on one line")
+    H_n = _solve_unit_dlt(a_n, b_n)
     H: FloatArray = np.linalg.inv(T_b) @ H_n @ T_a
+    if not (np.abs(H[..., 2, 2]) > _MIN_DETERMINANT * np.abs(H[..., 2, :]).max(axis=-1)).all():
+        raise DegenerateHomographyError("the origin of the first image is mapped to infinity")
     return H / H[..., 2:, 2:]
 
 
@@ -75,6 +82,17 @@ def _normaliser(points: FloatArray) -> FloatArray:
     return T
 
 
+def _smallest_triangle(points: FloatArray) -> float:
+    """Return twice the area of the smallest triangle among four points ``(..., 4, 2)``.
+
+    A corner on the line through two others makes the homography singular even where the DLT
+    equations still have a solution (it sends the fourth corner to 0/0).
+    """
+    triangles = points[..., [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]], :]
+    u, v = np.moveaxis(triangles[..., 1:, :] - triangles[..., :1, :], -2, 0)
+    return float(np.abs(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]).min())
+
+
 def _solve_unit_dlt(a: FloatArray, b: FloatArray) -> FloatArray:
     """Solve the eight DLT equations with ``H[2, 2] = 1`` for normalised corners."""
     A = np.zeros((*a.shape[:-2], 8, 8))
@@ -87,8 +105,8 @@ def _solve_unit_dlt(a: FloatArray, b: FloatArray) -> FloatArray:
             A[..., row, 3 * axis + 2] = 1.0
             A[..., row, 6] = -x * target
             A[..., row, 7] = -y * target
-    if not (np.abs(np.linalg.det(A)) > _MIN_RELATIVE_DETERMINANT).all():
-        raise DegenerateHomographyError("three corners lie on one line")
+    if not (np.abs(np.linalg.det(A)) > _MIN_DETERMINANT).all():
+        raise DegenerateHomographyError("the middle of the corners is mapped to infinity")
     h = np.linalg.solve(A, b.reshape(*b.shape[:-2], 8, 1))[..., 0]
     ones = np.ones((*h.shape[:-1], 1))
     return np.concatenate([h, ones], axis=-1).reshape(*h.shape[:-1], 3, 3)
