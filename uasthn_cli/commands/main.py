@@ -17,6 +17,7 @@ INTERRUPTED_EXIT_CODE: Final = 130
 UNEXPECTED_EXIT_CODE: Final = 1
 
 COMMANDS: Final = {
+    "report": "uasthn_cli.commands.report:report",
     "completion": "uasthn_cli.commands.completion:completion",
 }
 """Subcommands in the order of ``--help``; a module is imported when its command is asked for."""
