@@ -21,7 +21,7 @@ LAYER_OF = {room: layer for layer, rooms in enumerate(LAYERS) for room in rooms}
 
 HOMES = {
     "pyproj": ("geometry/geodesy.py",),
-    "pymavlink": ("ingest/mavlink.py", "synth/"),
+    "pymavlink": ("ingest/mavlink.py",),
     "rasterio": ("mapping/", "synth/"),
     "torch": ("matching/", "training/"),
     "click": ("commands/",),

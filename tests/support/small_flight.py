@@ -9,13 +9,15 @@ import cv2
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rasterio.transform import from_origin
 from rasterio.warp import transform as warp_points
+
+from uasthn_cli.ingest.mavlink import TlogWriter
 
 HFOV_DEG = 45.0
 HEIGHT_M = 100.0
 FRAME_SIZE_PX = (96, 80)
+FRAME_GSD_M = 2.0 * HEIGHT_M * math.tan(math.radians(HFOV_DEG) / 2.0) / FRAME_SIZE_PX[0]
 MAP_SIZE_PX = (400, 360)
 MAP_GSD_M = 1.0
 MAP_CRS = "EPSG:32640"
@@ -93,7 +95,7 @@ def _degrees(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
 def _write_frames(folder: Path, ground: NDArray[np.uint8], count: int) -> None:
     """Write nadir, north-up frames, named by their time in milliseconds."""
     width, height = FRAME_SIZE_PX
-    gsd_px = 2.0 * HEIGHT_M * math.tan(math.radians(HFOV_DEG) / 2.0) / width / MAP_GSD_M
+    gsd_px = FRAME_GSD_M / MAP_GSD_M
     folder.mkdir()
     for k, (east, south) in enumerate(centers_m(count)):
         shift_x = east / MAP_GSD_M - 0.5 - gsd_px * (width - 1) / 2.0
@@ -108,7 +110,7 @@ def _write_frames(folder: Path, ground: NDArray[np.uint8], count: int) -> None:
 def _write_truth(path: Path, names: list[str]) -> None:
     """Write the true centre and corners of each frame."""
     width, height = FRAME_SIZE_PX
-    half_m = HEIGHT_M * math.tan(math.radians(HFOV_DEG) / 2.0) * np.array([1.0, height / width])
+    half_m = FRAME_GSD_M * np.array([width - 1.0, height - 1.0]) / 2.0
     columns = ["frame", "lat", "lon", "center_lat", "center_lon"]
     corners = [f"{corner}_{axis}" for corner in ("tl", "tr", "bl", "br") for axis in ("lat", "lon")]
     signs = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])
@@ -121,37 +123,24 @@ def _write_truth(path: Path, names: list[str]) -> None:
 
 
 def write_log(path: Path, count: int, with_position: bool = True) -> None:
-    """Write a telemetry log at 5 Hz: record time stamps, heartbeat, attitude, position."""
-    link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    duration_s = 4.0 + (count - 1) * FRAME_INTERVAL_S
-    times_s = np.arange(0.0, duration_s + 0.1, 0.2)
+    """Write a telemetry log at 5 Hz: heartbeat, attitude, position."""
+    times_s = np.arange(0.0, 4.1 + (count - 1) * FRAME_INTERVAL_S, 0.2)
     frame_times_s = 2.0 + FRAME_INTERVAL_S * np.arange(count)
     track = np.stack([np.interp(times_s, frame_times_s, axis) for axis in centers_m(count).T], -1)
     degrees = _degrees(track + np.array([DRIFT_M, 0.0]))
-    with path.open("wb") as handle:
+    level = dict.fromkeys(("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"), 0.0)
+    still = {"vx": 500, "vy": 0, "vz": 0, "hdg": 0}
+    heartbeat = {"type": 1, "autopilot": 3, "base_mode": 81, "custom_mode": 0}
+    heartbeat |= {"system_status": 4, "mavlink_version": 3}
+    heights = {"alt": round(1000 * HEIGHT_M) + 50_000, "relative_alt": round(1000 * HEIGHT_M)}
+    with TlogWriter(path) as log:
         for time_s, (lat, lon) in zip(times_s, degrees, strict=True):
-            boot_ms = round(10_000 + 1000 * time_s)
-            messages = [
-                mavlink.MAVLink_heartbeat_message(1, 3, 81, 0, 4, 3),
-                mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-            ]
+            utc_s, boot = START_UTC_S + time_s, {"time_boot_ms": round(10_000 + 1000 * time_s)}
+            log.write(utc_s, "HEARTBEAT", **heartbeat)
+            log.write(utc_s, "ATTITUDE", **boot, **level)
             if with_position:
-                messages.append(
-                    mavlink.MAVLink_global_position_int_message(
-                        boot_ms,
-                        round(lat * 1e7),
-                        round(lon * 1e7),
-                        round(1000 * (HEIGHT_M + 50.0)),
-                        round(1000 * HEIGHT_M),
-                        500,
-                        0,
-                        0,
-                        9000,
-                    )
-                )
-            for message in messages:
-                stamp_us = round(1e6 * (START_UTC_S + time_s))
-                handle.write(stamp_us.to_bytes(8, "big") + message.pack(link))
+                place = {"lat": round(lat * 1e7), "lon": round(lon * 1e7)}
+                log.write(utc_s, "GLOBAL_POSITION_INT", **boot, **place, **heights, **still)
 
 
 def make_flight(folder: Path, count: int = 4) -> Flight:
