@@ -3,6 +3,7 @@
 import json
 import logging
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Final, Self
@@ -61,8 +62,12 @@ class Journal:
         self._finished[frame_of(result).name] = result
 
     def close(self) -> None:
-        """Close the file and keep it for the next run."""
-        self._file.close()
+        """Close the file and keep it for the next run.
+
+        Closing tries once more to write what a full disk refused: that was reported when it arose.
+        """
+        with suppress(OSError):
+            self._file.close()
 
     def remove(self) -> None:
         """Close and delete the file: the final results are written."""

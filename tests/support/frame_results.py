@@ -1,0 +1,99 @@
+"""Factories of what the pipeline yields, for tests of outputs, report and commands."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uasthn_cli.outputs.run_record import RunRecord, RunTiming
+from uasthn_cli.types import Attitude, Fix, FrameFailure, FrameFile, Prior, Reason
+
+CORNERS_DEG = np.array([[24.002, 56.001], [24.002, 56.004], [24.0, 56.001], [24.0, 56.004]])
+"""A north-up footprint: top-left, top-right, bottom-left, bottom-right as ``(lat, lon)``."""
+
+
+def make_frame(name: str = "a.png") -> FrameFile:
+    """Return a frame file that need not exist."""
+    return FrameFile(name=name, path=Path("frames") / name)
+
+
+def make_prior(name: str = "a.png", **changes: Any) -> Prior:
+    """Return a prior near the footprint."""
+    prior = Prior(
+        frame=make_frame(name),
+        time_utc_s=1_763_800_002.0,
+        lat_deg=24.0005,
+        lon_deg=56.002,
+        height_above_ground_m=267.73,
+        attitude=Attitude(roll_rad=0.01, pitch_rad=-0.02, yaw_rad=1.5),
+        height_source="relative_alt",
+    )
+    return replace(prior, **changes)
+
+
+def make_fix(name: str = "a.png", **changes: Any) -> Fix:
+    """Return an accepted estimate."""
+    fix = Fix(
+        prior=make_prior(name),
+        lat_deg=24.001,
+        lon_deg=56.0025,
+        center_lat_deg=24.00101,
+        center_lon_deg=56.00251,
+        corners_deg=CORNERS_DEG.copy(),
+        corner_std_m=np.arange(1.0, 9.0).reshape(4, 2),
+        uncertainty_m=4.5,
+        offset_m=75.25,
+        yaw_deg=85.9437,
+        gsd_m=0.345678,
+        confidence=0.87654,
+        accepted=True,
+        reason=None,
+    )
+    return replace(fix, **changes)
+
+
+def make_rejected(name: str = "b.png", **changes: Any) -> Fix:
+    """Return a rejected estimate."""
+    return make_fix(name, accepted=False, reason=Reason.UNCERTAIN, **changes)
+
+
+def make_failure(name: str = "c.png", **changes: Any) -> FrameFailure:
+    """Return a frame without an estimate, time or prior."""
+    failure = FrameFailure(make_frame(name), Reason.UNREADABLE, "truncated PNG")
+    return replace(failure, **changes)
+
+
+def make_record(**changes: Any) -> RunRecord:
+    """Return a run record of made-up sections."""
+    timing = RunTiming("2026-01-02T03:04:05Z", 2.0, 3, {"decode": 0.5, "search": 1.0})
+    record = RunRecord(
+        arguments={"estimator": "ncc", "search_radius_m": 200.0},
+        time_base={"chosen": "record", "why": "SYSTEM_TIME drifts"},
+        frame_times={"source": "file names"},
+        camera={"hfov_deg": 45.0},
+        inputs={"map": {"path": "map.tif", "sha256": "0" * 64}},
+        timing=timing,
+    )
+    return replace(record, **changes)
+
+
+def truth_table(*rows: dict[str, Any], with_camera: bool = True) -> str:
+    """Return a truth CSV; a row gives ``frame`` and what differs from ``make_fix``'s footprint."""
+    corners = {
+        f"{corner}_{axis}": float(CORNERS_DEG[k, a])
+        for k, corner in enumerate(("tl", "tr", "bl", "br"))
+        for a, axis in enumerate(("lat", "lon"))
+    }
+    camera = {"lat": 24.001, "lon": 56.0025} if with_camera else {}
+    base = {**camera, "center_lat": 24.00101, "center_lon": 56.00251, **corners}
+    lines = [",".join(["frame", *base])]
+    for row in rows:
+        values = base | row
+        lines.append(",".join(str(values[name]) for name in ("frame", *base)))
+    return "\n".join(lines) + "\n"
+
+
+def listing(folder: Path) -> list[str]:
+    """Return the names in a folder, hidden ones included."""
+    return sorted(path.name for path in folder.iterdir())
