@@ -1,0 +1,31 @@
+"""Estimators by name."""
+
+from importlib import import_module
+from pathlib import Path
+
+from uasthn_cli.errors import WeightsError
+from uasthn_cli.matching.ncc import NccEstimator
+from uasthn_cli.types import Estimator
+
+ESTIMATORS = ("xcorr", "ncc")
+
+
+def open_estimator(
+    name: str, *, weights_path: Path | None = None, device: str = "auto"
+) -> Estimator:
+    """Return an estimator ready for use; ``device`` is ``auto``, ``cpu`` or ``cuda``.
+
+    Raises:
+        WeightsError: the weights cannot be used, or the estimator takes none.
+        ValueError: no estimator has that name.
+    """
+    if name == "ncc":
+        if weights_path is not None:
+            raise WeightsError("--estimator ncc uses no weights; leave out --weights")
+        return NccEstimator()
+    if name == "xcorr":
+        # torch is heavy: a run with another estimator never loads it
+        xcorr = import_module("uasthn_cli.matching.xcorr")
+        estimator: Estimator = xcorr.open_xcorr(weights_path, device)
+        return estimator
+    raise ValueError(f"unknown estimator {name!r}; known: {', '.join(ESTIMATORS)}")

@@ -1,0 +1,65 @@
+"""From a map of scores over shifts to an answer: the peak, its sub-cell place, and belief in it."""
+
+import math
+
+import cv2
+import numpy as np
+
+from uasthn_cli.types import BoolArray, FloatArray, ImageArray
+
+MIN_OVERLAP = 0.5
+"""Share of a view that must lie on valid map for a shift to count."""
+
+CONFIDENCE_RADIUS_M = 25.0
+"""The paper's tolerance: confidence is the posterior mass this close to the answer."""
+
+_CONFIDENCE_RADIUS_CELLS = 3.0
+
+
+def view_masks(views_px: FloatArray, valid: BoolArray, stride_px: int) -> ImageArray:
+    """Return ``(N, h, w)`` masks of views ``(N, 4, 2)`` (ortho pixels) on feature cells.
+
+    A cell belongs to a view when its centre lies in the view's quadrilateral and ``valid``
+    ``(h, w)`` holds there.
+    """
+    masks = np.zeros((len(views_px), *valid.shape), np.float32)
+    bits = 4
+    for mask, corners in zip(masks, views_px, strict=True):
+        ring = (corners[[0, 1, 3, 2]] - (stride_px - 1) / 2) / stride_px
+        cv2.fillConvexPoly(mask, np.round(ring * 2**bits).astype(np.int32), 1.0, shift=bits)
+    masks *= valid
+    return masks
+
+
+def best_shift(scores: FloatArray) -> FloatArray:
+    """Return the sub-cell peak ``(x, y)`` of ``scores`` ``(rows, columns)``, by two parabolas."""
+    row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    return np.array(
+        [
+            column + _parabola(scores[row], int(column)),
+            row + _parabola(scores[:, column], int(row)),
+        ]
+    )
+
+
+def posterior_mass(scores: FloatArray, shift: FloatArray, cell_m: float) -> float:
+    """Return the soft-max mass of ``scores`` within 25 m (at least three cells) of ``shift``."""
+    finite = np.isfinite(scores)
+    if not finite.any():
+        return 0.0
+    weights = np.where(finite, np.exp(scores - scores[finite].max()), 0.0)
+    radius = max(CONFIDENCE_RADIUS_M / cell_m, _CONFIDENCE_RADIUS_CELLS)
+    rows, columns = np.ogrid[: scores.shape[0], : scores.shape[1]]
+    near = (columns - shift[0]) ** 2 + (rows - shift[1]) ** 2 <= radius**2
+    return float(weights[near].sum() / weights.sum())
+
+
+def _parabola(values: FloatArray, index: int) -> float:
+    """Return the offset of a parabola's vertex from the largest of three neighbouring values."""
+    if not 0 < index < len(values) - 1:
+        return 0.0
+    before, peak, after = (float(v) for v in values[index - 1 : index + 2])
+    bend = before - 2 * peak + after
+    if not math.isfinite(bend) or bend >= 0:
+        return 0.0
+    return 0.5 * (before - after) / bend

@@ -1,0 +1,93 @@
+"""The default estimator: learned cross-correlation, search over all shifts."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template
+from uasthn_cli.matching.device import choose_device
+from uasthn_cli.matching.networks import HALO_PX, STRIDE_PX, XcorrModel
+from uasthn_cli.matching.search import MIN_OVERLAP, best_shift, posterior_mass, view_masks
+from uasthn_cli.matching.symmetries import SYMMETRIES, encode_symmetric
+from uasthn_cli.matching.weights import BUNDLED_XCORR, load_xcorr
+from uasthn_cli.types import Estimate, FloatArray, MapFeatures, MapWindow, Ortho
+
+
+class XcorrEstimator:
+    """Searches map features for thermal features; see :class:`uasthn_cli.types.Estimator`."""
+
+    name = "xcorr"
+    stride_px = STRIDE_PX
+    halo_px = HALO_PX
+
+    def __init__(
+        self, model: XcorrModel, *, device: str = "cpu", symmetries: int = SYMMETRIES
+    ) -> None:
+        """Use a trained model on a device, seen under 1 to 8 symmetries."""
+        self._device, self._symmetries = torch.device(device), symmetries
+        self._model = model.eval().to(self._device)
+        self._temperature = float(model.log_temperature.exp())
+
+    @torch.inference_mode()
+    def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
+        """Return map features ``(symmetries * C, h / 2, w / 2)``, zero where not valid."""
+        rgb = torch.from_numpy(window.image).permute(2, 0, 1)[None].to(self._device)
+        valid = torch.from_numpy(window.valid).float()[None, None].to(self._device)
+        mean = torch.tensor([window.statistics.mean], device=self._device)
+        deviation = torch.tensor([window.statistics.deviation], device=self._device)
+
+        def encode(image: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+            return self._model.encode_satellite(image, mask, mean, deviation)
+
+        features = encode_symmetric(encode, rgb, valid, self._symmetries)
+        masked: NDArray[np.float32] = (features * cell_mask(valid, STRIDE_PX))[0].cpu().numpy()
+        return masked
+
+    @torch.inference_mode()
+    def estimate(
+        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+    ) -> Estimate:
+        """Return the best shift of each view inside the window; one iteration."""
+        scores, masks = self._scores(features, thermal, views_px)
+        overlap = self._overlap(features, masks)
+        scores = np.where(overlap >= MIN_OVERLAP, scores, -np.inf)
+        shifts = np.stack([best_shift(view) for view in scores])
+        corners = views_px + shifts[:, None] * STRIDE_PX
+        confidence = posterior_mass(scores[0], shifts[0], STRIDE_PX * thermal.gsd_m)
+        return Estimate(corners[None], confidence)
+
+    def _scores(
+        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray
+    ) -> tuple[FloatArray, torch.Tensor]:
+        """Return log-posterior scores ``(N, rows, columns)`` and view masks ``(N, 1, h, w)``."""
+        image = torch.from_numpy(thermal.image)[None, None].to(self._device)
+        valid = torch.from_numpy(thermal.valid).float()[None, None].to(self._device)
+        encoded = encode_symmetric(self._model.encode_thermal, image, valid, self._symmetries)
+        cells = cell_mask(valid, STRIDE_PX)[0, 0].bool().cpu().numpy()
+        masks = torch.from_numpy(view_masks(views_px, cells, STRIDE_PX))[:, None].to(self._device)
+        templates = normalise_template(encoded.expand(len(masks), -1, -1, -1), masks)
+        window = torch.from_numpy(features.values).to(self._device, torch.float32)[None]
+        scores = correlate(window, templates[None], masks[None])[0] * self._temperature
+        return scores.double().cpu().numpy(), masks
+
+    def _overlap(self, features: MapFeatures, masks: torch.Tensor) -> FloatArray:
+        """Return the share of each view ``(N, rows, columns)`` that falls on valid map."""
+        valid = torch.from_numpy(features.valid).to(self._device, torch.float32)
+        if bool(valid.all()):
+            return np.ones(1)
+        counts = torch.nn.functional.conv2d(valid[None, None], masks)[0]
+        share = counts / masks.sum(dim=(1, 2, 3)).clamp_min(1.0)[:, None, None]
+        return share.double().cpu().numpy()
+
+
+def open_xcorr(weights_path: Path | None, device: str) -> XcorrEstimator:
+    """Return the estimator with the weights in the box or a user's own, on ``auto|cpu|cuda``.
+
+    Raises:
+        WeightsError: the weights cannot be used.
+    """
+    model = load_xcorr(weights_path or BUNDLED_XCORR).model
+    return XcorrEstimator(model, device=choose_device(device))

@@ -1,0 +1,52 @@
+"""Random fields and small image operations that the data engine is made of."""
+
+import cv2
+import numpy as np
+
+from uasthn_cli.types import ImageArray
+
+
+def standardise(image: ImageArray) -> ImageArray:
+    """Return ``image`` with zero mean and unit deviation."""
+    mean, deviation = cv2.meanStdDev(image)
+    return ((image - mean[0, 0]) / (deviation[0, 0] + 1e-6)).astype(np.float32)
+
+
+def blur(image: ImageArray, sigma_px: float) -> ImageArray:
+    """Return a Gaussian blur of standard deviation ``sigma_px``."""
+    blurred: ImageArray = cv2.GaussianBlur(image, (0, 0), sigma_px).astype(np.float32, copy=False)
+    return blurred
+
+
+def fractal_noise(
+    rng: np.random.Generator, size_px: int, scale_px: float, octaves: int
+) -> ImageArray:
+    """Return smooth noise ``(size, size)``: octaves from ``scale_px`` down, halving amplitude."""
+    total = np.zeros((size_px, size_px), np.float32)
+    for octave in range(octaves):
+        cells = min(size_px, max(2, int(size_px / scale_px * 2**octave)))
+        grid = rng.standard_normal((cells, cells), dtype=np.float32)
+        resized = cv2.resize(grid, (size_px, size_px), interpolation=cv2.INTER_CUBIC)
+        total += np.float32(0.5**octave) * resized
+    return total
+
+
+def directional_derivative(image: ImageArray, azimuth_rad: float) -> ImageArray:
+    """Return the slope of ``image`` towards an azimuth: shading under a low sun."""
+    gradient_y, gradient_x = np.gradient(image)
+    slope = gradient_x * np.cos(azimuth_rad) + gradient_y * np.sin(azimuth_rad)
+    return slope.astype(np.float32)
+
+
+def riesz_transform(image: ImageArray, azimuth_rad: float) -> ImageArray:
+    """Return the Riesz transform along an azimuth: a derivative that keeps every scale's energy.
+
+    If an image is shading of a relief, its Riesz transform looks like the relief's height or like
+    its shading from another side, which is what a night-thermal camera sees of sand.
+    """
+    fy = np.fft.fftfreq(image.shape[0]).astype(np.float32)[:, None]
+    fx = np.fft.rfftfreq(image.shape[1]).astype(np.float32)[None]
+    frequency = np.hypot(fx, fy)
+    frequency[0, 0] = 1.0
+    kernel = 1j * (fx * np.cos(azimuth_rad) + fy * np.sin(azimuth_rad)) / frequency
+    return np.fft.irfft2(np.fft.rfft2(image) * kernel, s=image.shape).astype(np.float32)

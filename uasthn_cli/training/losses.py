@@ -1,0 +1,62 @@
+"""Losses of the search: where the posterior over shifts should have its mass."""
+
+import torch
+import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
+from torch import Tensor
+
+from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template
+from uasthn_cli.matching.networks import STRIDE_PX, XcorrModel
+
+TARGET_SIGMA_CELLS = 0.8
+
+
+def search_scores(
+    model: XcorrModel, satellite: Tensor, satellite_valid: Tensor, thermal: Tensor, valid: Tensor
+) -> Tensor:
+    """Return log-posterior scores ``(B, K, shifts_y, shifts_x)`` of every canvas.
+
+    Inputs as in :class:`uasthn_cli.training.samples.Batch`.
+    """
+    batch, canvases = thermal.shape[:2]
+    mean, deviation = _window_statistics(satellite, satellite_valid)
+    a = model.encode_satellite(satellite, satellite_valid, mean, deviation).float()
+    a = a * cell_mask(satellite_valid, STRIDE_PX)
+    flat, flat_valid = thermal.flatten(0, 1), valid.flatten(0, 1)
+    b = model.encode_thermal(flat, flat_valid).float()
+    mask = cell_mask(flat_valid, STRIDE_PX)
+    b = normalise_template(b, mask)
+    scores = correlate(a, b.unflatten(0, (batch, canvases)), mask.unflatten(0, (batch, canvases)))
+    return scores * model.log_temperature.exp()
+
+
+def search_loss(scores: Tensor, corners_px: Tensor, canvas_px: int) -> tuple[Tensor, Tensor]:
+    """Return the cross-entropy against a narrow Gaussian at the true shift, and errors in pixels.
+
+    ``corners_px`` ``(B, K, 4, 2)`` of the canvas in the window; errors ``(B, K)`` of the best cell.
+    """
+    shift = (corners_px.mean(dim=2) - (canvas_px - 1) / 2) / STRIDE_PX
+    rows, columns = scores.shape[-2:]
+    target = (
+        _gaussian(shift[..., 1], rows)[..., :, None]
+        * _gaussian(shift[..., 0], columns)[..., None, :]
+    )
+    target = target / target.sum(dim=(-2, -1), keepdim=True)
+    log_posterior = F.log_softmax(scores.flatten(2), dim=2).view_as(scores)
+    loss = -(target * log_posterior).sum(dim=(-2, -1)).mean()
+    best = scores.detach().flatten(2).argmax(dim=2)
+    found = torch.stack([best % columns, best // columns], dim=-1).float()
+    return loss, (found - shift).norm(dim=-1) * STRIDE_PX
+
+
+def _gaussian(centre: Tensor, length: int) -> Tensor:
+    cells = torch.arange(length, device=centre.device, dtype=centre.dtype)
+    return torch.exp(-((cells - centre[..., None]) ** 2) / (2 * TARGET_SIGMA_CELLS**2))
+
+
+def _window_statistics(satellite: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
+    """Return mean ``(B, 3)`` and deviation ``(B,)`` of the valid pixels."""
+    count = valid.sum(dim=(2, 3)).clamp_min(1.0)
+    mean = (satellite * valid).sum(dim=(2, 3)) / count
+    centred = (satellite - mean[:, :, None, None]) * valid
+    variance = (centred**2).sum(dim=(2, 3)) / count
+    return mean, variance.mean(dim=1).sqrt()

@@ -1,0 +1,182 @@
+"""Scenes that training samples are cut from: imagery of one or several dates, and rendered sand."""
+
+import logging
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import lru_cache
+from glob import glob
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uasthn_cli.errors import TrainingDataError
+from uasthn_cli.mapping.imagery import OverheadImage, read_overhead_tiles
+from uasthn_cli.training.fields import standardise
+from uasthn_cli.training.pseudo_thermal import thermal_from_colour
+from uasthn_cli.training.sand import SAND_PX, SandScene, render_sand, thermal_from_sand
+from uasthn_cli.types import ImageArray
+
+_log = logging.getLogger(__name__)
+
+SAND_SCENES = 64
+"""How many stretches of sand a worker renders and keeps."""
+
+_MIN_IMAGE_PX = 128
+_SAME_PLACE_PX = 3
+_CHANGED_DATE_SHARE = 0.6
+
+
+class Scene(Protocol):
+    """A place of which a map and a thermal view can be cut."""
+
+    @property
+    def shape_px(self) -> tuple[int, int]:
+        """Height and width."""
+
+    def render(
+        self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
+    ) -> tuple[ImageArray, list[ImageArray]]:
+        """Return the map ``(size, size, 3)`` in 0..1 and two thermal renderings ``(size, size)``.
+
+        Both show the square of ``length_px`` at ``(row_px, column_px)``.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class ImageryScene:
+    """Colour images ``(h, w, 3)`` uint8 of one place, one per date."""
+
+    dates: tuple[NDArray[np.uint8], ...]
+
+    @property
+    def shape_px(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.dates[0].shape[0], self.dates[0].shape[1]
+
+    def render(
+        self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
+    ) -> tuple[ImageArray, list[ImageArray]]:
+        """Return a map of one date and thermal renderings of the same or another date."""
+
+        def crop(date: NDArray[np.uint8]) -> ImageArray:
+            piece = date[row_px : row_px + length_px, column_px : column_px + length_px]
+            return _resize(piece.astype(np.float32) / 255, size_px)
+
+        map_date, thermal_date = rng.integers(0, len(self.dates), 2)
+        if rng.random() > _CHANGED_DATE_SHARE:
+            thermal_date = map_date
+        source = crop(self.dates[thermal_date])
+        thermals = [thermal_from_colour(rng, source) for _ in range(2)]
+        return crop(self.dates[map_date]), thermals
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedSand:
+    """Sand number ``index``, rendered when first needed."""
+
+    index: int
+
+    @property
+    def shape_px(self) -> tuple[int, int]:
+        """Height and width."""
+        return SAND_PX, SAND_PX
+
+    def render(
+        self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
+    ) -> tuple[ImageArray, list[ImageArray]]:
+        """Return the sunlit map and two night views of the same relief."""
+        whole = _sand(self.index)
+        rows, columns = slice(row_px, row_px + length_px), slice(column_px, column_px + length_px)
+        piece = SandScene(
+            _resize(whole.rgb[rows, columns].astype(np.float32), size_px),
+            standardise(_resize(whole.height[rows, columns].astype(np.float32), size_px)),
+            _resize(whole.material[rows, columns].astype(np.float32), size_px),
+        )
+        return piece.rgb, [thermal_from_sand(rng, piece) for _ in range(2)]
+
+
+@dataclass(frozen=True, slots=True)
+class SceneSet:
+    """Scenes and the probability of drawing each."""
+
+    scenes: tuple[Scene, ...]
+    probabilities: NDArray[np.float64]
+
+    def draw(self, rng: np.random.Generator) -> Scene:
+        """Return a random scene."""
+        return self.scenes[int(rng.choice(len(self.scenes), p=self.probabilities))]
+
+
+def load_scenes(patterns: list[tuple[str, float]], sand_share: float) -> SceneSet:
+    """Read imagery by glob pattern and weight, and add rendered sand.
+
+    Within a pattern an image counts by its area (up to nine times 400 × 400 px). GeoTIFFs of the
+    same place and size become one scene of several dates.
+
+    Raises:
+        TrainingDataError: no pattern yields a usable image and no sand is asked for.
+    """
+    scenes: list[Scene] = []
+    weights: list[float] = []
+    for pattern, weight in patterns:
+        found = _read_pattern(pattern)
+        if not found:
+            raise TrainingDataError(
+                f"no image of at least {_MIN_IMAGE_PX} px matches {pattern!r}; check --images"
+            )
+        areas = [min(9.0, s.shape_px[0] * s.shape_px[1] / 160_000) for s in found]
+        scenes += found
+        weights += [(1 - sand_share) * weight * area / sum(areas) for area in areas]
+        _log.info("%s: %d scenes", pattern, len(found))
+    total = sum(weights) or 1.0
+    weights = [(1 - sand_share) * w / total for w in weights]
+    if sand_share > 0:
+        scenes += [RenderedSand(index) for index in range(SAND_SCENES)]
+        weights += [sand_share / SAND_SCENES] * SAND_SCENES
+    if not scenes:
+        raise TrainingDataError("nothing to train on: give --images or --sand-share above 0")
+    probabilities = np.asarray(weights)
+    return SceneSet(tuple(scenes), probabilities / probabilities.sum())
+
+
+def _read_pattern(pattern: str) -> list[Scene]:
+    """Return the scenes of one glob pattern, images of the same place grouped by date."""
+    groups: dict[tuple[object, ...], list[OverheadImage]] = defaultdict(list)
+    for number, name in enumerate(sorted(glob(pattern, recursive=True))):
+        for tile, image in enumerate(read_overhead_tiles(Path(name))):
+            if min(image.rgb.shape[:2]) >= _MIN_IMAGE_PX:
+                groups[_place_key(image, (number, tile))].append(image)
+    return [_as_scene(images) for images in groups.values()]
+
+
+def _place_key(image: OverheadImage, otherwise: tuple[int, int]) -> tuple[object, ...]:
+    if image.place is None:
+        return otherwise
+    crs, west, north, resolution = image.place
+    step = _SAME_PLACE_PX * resolution
+    return crs, round(west / step), round(north / step), round(resolution, 6)
+
+
+def _as_scene(images: list[OverheadImage]) -> Scene:
+    height = min(image.rgb.shape[0] for image in images)
+    width = min(image.rgb.shape[1] for image in images)
+    return ImageryScene(tuple(image.rgb[:height, :width] for image in images))
+
+
+def _resize(image: ImageArray, size_px: int) -> ImageArray:
+    method = cv2.INTER_AREA if image.shape[0] > size_px else cv2.INTER_LINEAR
+    resized: ImageArray = cv2.resize(image, (size_px, size_px), interpolation=method)
+    return resized
+
+
+@lru_cache(maxsize=SAND_SCENES)
+def _sand(index: int) -> SandScene:
+    scene = render_sand(np.random.default_rng([11, index]))
+    return SandScene(
+        scene.rgb.astype(np.float16),  # half the memory in every worker
+        scene.height.astype(np.float16),
+        scene.material.astype(np.float16),
+    )

@@ -1,0 +1,40 @@
+"""CropTTA views: the full frame and crops of it (paper, sec. III-B)."""
+
+import math
+import zlib
+
+import numpy as np
+
+from uasthn_cli.config import CropTtaConfig, Sampling
+from uasthn_cli.geometry.corners import image_corners_px
+from uasthn_cli.types import FloatArray
+
+
+def crop_views_px(
+    width_px: int, height_px: int, config: CropTtaConfig, frame_name: str
+) -> FloatArray:
+    """Return corners ``(N_C, 4, 2)`` of the full frame and its ``N_C - 1`` crops, frame pixels.
+
+    Crops are ``1 - offset_fraction`` of the frame's width and height (``W_CT = W_T - o_c``).
+    ``random`` draws their places from the seed and the frame's name, so that a frame's views do not
+    depend on which frames came before it; ``grid`` spreads them evenly, four being the corners.
+    """
+    full = image_corners_px(width_px, height_px)
+    slack_px = config.offset_fraction * np.array([width_px, height_px], dtype=np.float64)
+    count = config.views - 1
+    if config.sampling is Sampling.GRID:
+        places = _grid(count)
+    else:
+        rng = np.random.default_rng([config.seed, zlib.crc32(frame_name.encode())])
+        places = rng.random((count, 2))
+    crops = full * (1 - config.offset_fraction) + (places * slack_px)[:, None]
+    return np.concatenate([full[None], np.minimum(crops, full[3])])
+
+
+def _grid(count: int) -> FloatArray:
+    """Return ``count`` places ``(count, 2)`` in the unit square, its corners first."""
+    side = max(2, math.ceil(math.sqrt(count)))
+    steps = np.linspace(0.0, 1.0, side)
+    places = np.array([(x, y) for y in steps for x in steps])
+    outward = np.argsort(-np.abs(places - 0.5).sum(axis=1), kind="stable")
+    return places[outward][:count]
