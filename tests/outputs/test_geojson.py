@@ -161,7 +161,7 @@ def test_longitudes_beyond_180_are_wrapped() -> None:
 
 
 def test_text_is_deterministic_utf8_with_a_line_per_feature() -> None:
-    results = [make_fix("größe, 1.png"), make_failure("bad\udcff.png")]
+    results: list[FrameResult] = [make_fix("größe, 1.png"), make_failure("bad\udcff.png")]
     text = frames_geojson(results)
     assert text == frames_geojson(results)
     assert "größe, 1.png" in text

@@ -12,6 +12,7 @@ from frame_results import listing, make_failure, make_fix, make_rejected
 from uasthn_cli.errors import OutputError
 from uasthn_cli.outputs.journal import JOURNAL_NAME, Journal
 from uasthn_cli.outputs.table import frames_csv
+from uasthn_cli.types import FrameResult
 
 
 def finished_names(folder: Path, fingerprint: str = "f") -> list[str]:
@@ -31,7 +32,11 @@ def test_finished_frames_are_read_back_and_added_to(tmp_path: Path) -> None:
 
 
 def test_results_read_back_write_the_same_table(tmp_path: Path) -> None:
-    results = [make_fix("1.png", lat_deg=0.1 + 0.2), make_rejected("2.png"), make_failure("3.png")]
+    results: list[FrameResult] = [
+        make_fix("1.png", lat_deg=0.1 + 0.2),
+        make_rejected("2.png"),
+        make_failure("3.png"),
+    ]
     with Journal(tmp_path, "f") as journal:
         for result in results:
             journal.append(result)

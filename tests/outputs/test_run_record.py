@@ -52,12 +52,13 @@ def test_sections_and_rates() -> None:
     timing = record["timing"]
     assert timing["stages"]["decode"] == {"seconds": 0.5, "frames_per_s": 6.0}
     assert timing["frames_per_s"] == 1.5
+    assert timing["started_utc"] == "2026-01-02T03:04:05.000Z"
     assert timing["peak_memory_mib"] > 1.0
 
 
 def test_runs_that_took_longer_differ_in_timing_alone() -> None:
     record = make_record()
-    slower = replace(record, timing=replace(record.timing, wall_s=9.0, started_utc="later"))
+    slower = replace(record, timing=replace(record.timing, wall_s=9.0, started_utc_s=0.0))
     one, two = (json.loads(run_json(r, RESULTS)) for r in (record, slower))
     assert one.pop("timing") != two.pop("timing")
     assert one == two

@@ -66,7 +66,7 @@ def make_failure(name: str = "c.png", **changes: Any) -> FrameFailure:
 
 def make_record(**changes: Any) -> RunRecord:
     """Return a run record of made-up sections."""
-    timing = RunTiming("2026-01-02T03:04:05Z", 2.0, 3, {"decode": 0.5, "search": 1.0})
+    timing = RunTiming(1_767_323_045.0, 2.0, 3, {"decode": 0.5, "search": 1.0})
     record = RunRecord(
         arguments={"estimator": "ncc", "search_radius_m": 200.0},
         time_base={"chosen": "record", "why": "SYSTEM_TIME drifts"},

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from uasthn_cli import __version__
-from uasthn_cli.outputs.formatting import safe_text
+from uasthn_cli.outputs.formatting import iso_utc, safe_text
 from uasthn_cli.types import Fix, FrameFile, FrameResult
 
 _MIB: Final = 1024.0 * 1024.0
@@ -28,7 +28,7 @@ class RunTiming:
     (the others were read back from a journal).
     """
 
-    started_utc: str
+    started_utc_s: float
     wall_s: float
     computed_frames: int
     stage_s: Mapping[str, float]
@@ -155,7 +155,7 @@ def _timing_section(timing: RunTiming) -> dict[str, Any]:
     frames = timing.computed_frames
     peak_mib = peak_memory_mib()
     return {
-        "started_utc": timing.started_utc,
+        "started_utc": iso_utc(timing.started_utc_s),
         "wall_s": round(timing.wall_s, 3),
         "computed_frames": frames,
         "frames_per_s": _rate(frames, timing.wall_s),
