@@ -97,6 +97,12 @@ class ResultsError(UasthnError):
     exit_code = 22
 
 
+class SyntheticFlightError(UasthnError):
+    """A flight to be rendered is impossible, too large, or lies outside its map's CRS."""
+
+    exit_code = 23
+
+
 class RunInterruptedError(UasthnError):
     """Ctrl-C stopped a run that goes on when the same command is given again."""
 

@@ -1,0 +1,293 @@
+"""Render a flight with known truth: ``map.tif``, ``frames/``, ``flight.tlog``, ``truth.csv``."""
+
+import csv
+import io
+import math
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uasthn_cli.errors import OutputError, SyntheticFlightError
+from uasthn_cli.geometry.camera import homography_frame_ground
+from uasthn_cli.geometry.corners import image_corners_px, transform_points
+from uasthn_cli.geometry.geodesy import LocalFrame
+from uasthn_cli.synth.flight_config import FlightConfig
+from uasthn_cli.synth.flight_log import LogBook
+from uasthn_cli.synth.landscape import render_landscape
+from uasthn_cli.synth.map_raster import Ground, write_map
+from uasthn_cli.synth.noise import smooth
+from uasthn_cli.synth.sensor import render_sensor
+from uasthn_cli.synth.trajectory import (
+    Aircraft,
+    Pose,
+    Route,
+    Trajectory,
+    exposure_times_s,
+    fly,
+    free_track,
+    navigation_error,
+    survey_track,
+)
+from uasthn_cli.types import FloatArray, ImageArray
+
+TRUTH_COLUMNS = (
+    *("frame", "lat", "lon", "center_lat", "center_lon", "unix_time_s", "agl_m"),
+    *("tl_lat", "tl_lon", "tr_lat", "tr_lon", "bl_lat", "bl_lon", "br_lat", "br_lon"),
+)
+
+_MARGIN_M = 60.0
+_MOST_PIXELS = 60_000_000
+_LOG_TAIL_S = 3.0
+_TRACK, _WIND, _AIR, _GPS, _LOG, _CAMERA = range(1, 7)
+"""Streams of random numbers, so that one choice does not reshuffle the others."""
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedFlight:
+    """Where a flight's files lie."""
+
+    map: Path
+    frames: Path
+    log: Path
+    truth: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """One frame's name, UTC time, true pose, and homography from frame pixels to local metres."""
+
+    name: str
+    time_utc_s: float
+    pose: Pose
+    H_frame_ground: FloatArray
+
+
+def render_flight(
+    out: Path,
+    config: FlightConfig,
+    *,
+    overwrite: bool = False,
+    on_frame: Callable[[int, int], None] | None = None,
+) -> RenderedFlight:
+    """Render a flight into a folder of its own, which appears when everything is in it.
+
+    ``on_frame`` is told (frames done, frames in all).
+
+    Raises:
+        SyntheticFlightError: the flight is too large to render, or its CRS does not fit.
+        OutputError: the folder exists already and ``overwrite`` is false, is not a rendered
+            flight, or cannot be written.
+    """
+    _check_target(out, overwrite)
+    staging = out.with_name(f".{out.name}.{os.getpid()}.tmp")
+    try:
+        (staging / "frames").mkdir(parents=True)
+        _render_into(staging, config, on_frame)
+        _swap(staging, out)
+    except OSError as error:
+        raise OutputError(f"cannot write {out}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    return RenderedFlight(out / "map.tif", out / "frames", out / "flight.tlog", out / "truth.csv")
+
+
+def plan_exposures(config: FlightConfig) -> tuple[Trajectory, list[Exposure]]:
+    """Fly the route and return the true motion and the flight's exposures.
+
+    Raises:
+        SyntheticFlightError: the aircraft never flies level for long enough.
+    """
+    spacing_m = (1.0 - config.overlap) * config.footprint_m[1]
+    aircraft = Aircraft(
+        config.airspeed_m_s,
+        config.wind_m_s,
+        float(_stream(config, _WIND).uniform(0.0, 2.0 * math.pi)),
+        config.height_m,
+    )
+    track_m = _ground_track(config, spacing_m)
+    trajectory = fly(_stream(config, _AIR), track_m, aircraft)
+    tilt_rad = math.radians(config.largest_tilt_deg)
+    times_s = exposure_times_s(trajectory, spacing_m, tilt_rad)[: config.frames]
+    if len(times_s) < config.frames:
+        raise SyntheticFlightError(
+            f"only {len(times_s)} of {config.frames} exposures are level enough; allow more tilt"
+        )
+    return trajectory, [_exposure(config, trajectory, float(time_s)) for time_s in times_s]
+
+
+def frame_image(
+    temperature: ImageArray, ground: Ground, exposure: Exposure, size_px: tuple[int, int]
+) -> ImageArray:
+    """Return the temperatures ``(h, w)`` that a frame of ``size_px`` (width, height) sees."""
+    H_frame_grid = ground.homography_ground_grid() @ exposure.H_frame_ground
+    return np.asarray(
+        cv2.warpPerspective(
+            temperature,
+            H_frame_grid,
+            size_px,
+            flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        ),
+        dtype=np.float32,
+    )
+
+
+def ground_of(config: FlightConfig, exposures: list[Exposure]) -> Ground:
+    """Return the ground to render: all footprints, the drift and a margin around them.
+
+    Its pixels divide the map's, and are as fine as the frames' where memory allows.
+
+    Raises:
+        SyntheticFlightError: that is more ground than can be rendered.
+    """
+    corners = image_corners_px(config.frame_width_px, config.frame_height_px)
+    seen_m = np.concatenate([transform_points(e.H_frame_ground, corners) for e in exposures])
+    margin_m = _MARGIN_M + config.drift_m
+    west, south = seen_m.min(axis=0) - margin_m
+    east, north = seen_m.max(axis=0) + margin_m
+    finer = max(1, math.floor(config.map_gsd_m / config.frame_gsd_m))
+    gsd_m = config.map_gsd_m / finer
+    width, height = math.ceil((east - west) / gsd_m), math.ceil((north - south) / gsd_m)
+    if width * height > _MOST_PIXELS:
+        raise SyntheticFlightError(
+            f"the flight covers {(east - west) / 1000:.1f} × {(north - south) / 1000:.1f} km, too"
+            f" much to render at {gsd_m:.2f} m/px: take fewer frames, more overlap or a coarser map"
+        )
+    place = LocalFrame(config.lat_deg, config.lon_deg)
+    return Ground(place, float(west), float(north), gsd_m, width, height)
+
+
+def _render_into(
+    folder: Path, config: FlightConfig, on_frame: Callable[[int, int], None] | None
+) -> None:
+    """Write all four parts of a flight into a folder."""
+    trajectory, exposures = plan_exposures(config)
+    ground = ground_of(config, exposures)
+    place = render_landscape(
+        config.seed, (ground.width_px, ground.height_px), ground.gsd_m, kind=config.kind
+    )
+    write_map(
+        folder / "map.tif",
+        place.rgb,
+        ground,
+        crs=config.crs,
+        gsd_m=config.map_gsd_m,
+        jpeg=config.jpeg_map,
+    )
+    # A frame pixel wider than the field's takes the mean of what it covers.
+    wider = config.frame_gsd_m / ground.gsd_m
+    temperature = smooth(place.temperature, 0.5 * math.sqrt(max(0.0, wider**2 - 1.0)))
+    size_px = (config.frame_width_px, config.frame_height_px)
+    for index, exposure in enumerate(exposures):
+        seen = frame_image(temperature, ground, exposure, size_px)
+        frame = render_sensor(seen, _stream(config, _CAMERA, index), config.sensor)
+        _write_png(folder / "frames" / exposure.name, frame)
+        if on_frame is not None:
+            on_frame(index + 1, len(exposures))
+    _write_truth(folder / "truth.csv", config, ground.frame, exposures)
+    _write_log(folder / "flight.tlog", config, ground.frame, trajectory, exposures)
+
+
+def _ground_track(config: FlightConfig, spacing_m: float) -> FloatArray:
+    """Return the ground track ``(n, 2)``: lanes that make a square, or a free track."""
+    rng = _stream(config, _TRACK)
+    heading_rad = float(rng.uniform(0.0, 2.0 * math.pi))
+    if config.route is Route.TRACK:
+        return free_track(rng, 200.0 + 2.0 * config.frames * spacing_m, heading_rad)
+    lane_spacing_m = max((1.0 - config.overlap) * config.footprint_m[0], 20.0)
+    lanes = max(1, round(math.sqrt(config.frames * spacing_m / lane_spacing_m)))
+    lane_m = math.ceil(config.frames / lanes) * spacing_m + 0.05 * lane_spacing_m
+    return survey_track(lane_m, lanes + 3, lane_spacing_m, heading_rad)
+
+
+def _exposure(config: FlightConfig, trajectory: Trajectory, time_s: float) -> Exposure:
+    """Return the exposure at a time of the flight."""
+    pose = trajectory.at(time_s)
+    time_utc_s = round(config.start_utc_s + time_s, 3)
+    below = np.array([[1.0, 0.0, pose.east_m], [0.0, 1.0, pose.north_m], [0.0, 0.0, 1.0]])
+    H = below @ homography_frame_ground(config.camera, pose.attitude, pose.height_m)
+    return Exposure(f"frame_{round(time_utc_s * 1000)}.png", time_utc_s, pose, H)
+
+
+def _write_truth(
+    path: Path, config: FlightConfig, place: LocalFrame, exposures: list[Exposure]
+) -> None:
+    """Write the true camera position, ground point at the centre, and corners of every frame."""
+    camera = config.camera
+    centre = np.array([[camera.principal_x_px, camera.principal_y_px]])
+    points_px = np.concatenate([centre, image_corners_px(camera.width_px, camera.height_px)])
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(TRUTH_COLUMNS)
+    for exposure in exposures:
+        pose = exposure.pose
+        below = np.array([[pose.east_m, pose.north_m]])
+        seen = transform_points(exposure.H_frame_ground, points_px)
+        degrees = place.to_degrees(np.concatenate([below, seen]))
+        cells = [f"{value:.8f}" for value in degrees.ravel()]
+        middle = [f"{exposure.time_utc_s:.3f}", f"{pose.height_m:.2f}"]
+        rows.writerow([exposure.name, *cells[:4], *middle, *cells[4:]])
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _write_log(
+    path: Path,
+    config: FlightConfig,
+    place: LocalFrame,
+    trajectory: Trajectory,
+    exposures: list[Exposure],
+) -> None:
+    """Write what the vehicle believed it did."""
+    error = navigation_error(
+        _stream(config, _GPS),
+        len(trajectory.times_s),
+        drift_m=config.drift_m,
+        yaw_bias_rad=math.radians(config.yaw_bias_deg),
+        height_bias=config.height_bias,
+    )
+    book = LogBook(_stream(config, _LOG), place, trajectory, error, config.start_utc_s)
+    times_s = np.array([exposure.time_utc_s - config.start_utc_s for exposure in exposures])
+    book.write(
+        path,
+        times_s,
+        end_s=float(times_s[-1]) + _LOG_TAIL_S,
+        camera_messages=config.camera_messages,
+    )
+
+
+def _write_png(path: Path, frame: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+    """Write one frame, 8 or 16 bits."""
+    _, encoded = cv2.imencode(".png", frame)
+    path.write_bytes(encoded.tobytes())
+
+
+def _stream(config: FlightConfig, *key: int) -> np.random.Generator:
+    """Return the random numbers of one purpose."""
+    return np.random.default_rng((config.seed, *key))
+
+
+def _check_target(out: Path, overwrite: bool) -> None:
+    """Refuse to replace what was not asked to be replaced, or is no rendered flight."""
+    if not out.exists():
+        return
+    if not overwrite:
+        raise OutputError(f"{out} exists already; choose another folder or give --overwrite")
+    if not out.is_dir() or not {"map.tif", "truth.csv"} <= {p.name for p in out.iterdir()}:
+        raise OutputError(f"{out} is not a rendered flight, so it is not overwritten")
+
+
+def _swap(staging: Path, out: Path) -> None:
+    """Put the finished folder in its place; the one that stood there goes last."""
+    if not out.exists():
+        staging.replace(out)
+        return
+    retired = out.with_name(f".{out.name}.{os.getpid()}.old")
+    out.replace(retired)
+    staging.replace(out)
+    shutil.rmtree(retired, ignore_errors=True)

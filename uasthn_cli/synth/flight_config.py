@@ -1,0 +1,105 @@
+"""What a rendered flight is made of: place, aircraft, camera, and what the GPS gets wrong."""
+
+import math
+from dataclasses import dataclass, field
+
+from uasthn_cli.errors import SyntheticFlightError
+from uasthn_cli.geometry.camera import focal_from_hfov_px
+from uasthn_cli.synth.recipes import LandscapeKind
+from uasthn_cli.synth.sensor import SensorConfig
+from uasthn_cli.synth.trajectory import Route
+from uasthn_cli.types import CameraModel
+
+
+@dataclass(frozen=True, slots=True)
+class FlightConfig:
+    """One flight; equal values give equal bytes.
+
+    ``overlap`` is the share of a frame that the next one (and the next lane's) sees again;
+    ``drift_m`` the farthest that the logged position strays, ``yaw_bias_deg`` and ``height_bias``
+    the most its heading and height are off. ``map_crs`` is a CRS such as ``EPSG:4326`` (None: the
+    place's UTM zone); ``jpeg_map`` compresses the map with loss.
+    """
+
+    seed: int = 1
+    kind: LandscapeKind = LandscapeKind.MIXED
+    frames: int = 60
+    frame_width_px: int = 640
+    frame_height_px: int = 512
+    hfov_deg: float = 45.0
+    height_m: float = 300.0
+    map_gsd_m: float = 1.0
+    route: Route = Route.SURVEY
+    overlap: float = 0.5
+    airspeed_m_s: float = 18.0
+    wind_m_s: float = 5.0
+    drift_m: float = 80.0
+    yaw_bias_deg: float = 2.0
+    height_bias: float = 0.03
+    largest_tilt_deg: float = 4.0
+    lat_deg: float = 46.95
+    lon_deg: float = -99.15
+    map_crs: str | None = None
+    jpeg_map: bool = False
+    camera_messages: bool = False
+    start_utc_s: float = 1_763_800_000.0
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be flown.
+
+        Raises:
+            SyntheticFlightError: a value is out of its range; the message says which.
+        """
+        checks = {
+            f"{self.frames} frames: at least one is needed": self.frames >= 1,
+            f"frames of {self.frame_width_px} × {self.frame_height_px} px: at least 32 × 32": min(
+                self.frame_width_px, self.frame_height_px
+            )
+            >= 32,
+            f"field of view {self.hfov_deg}°: between 5 and 120": 5 <= self.hfov_deg <= 120,
+            f"height {self.height_m} m: between 10 and 5000": 10 <= self.height_m <= 5000,
+            f"map GSD {self.map_gsd_m} m: between 0.05 and 50": 0.05 <= self.map_gsd_m <= 50,
+            f"overlap {self.overlap}: between 0 and 0.95": 0 <= self.overlap <= 0.95,
+            f"wind of {self.wind_m_s} m/s: no more than 0.8 of the airspeed": 0
+            <= self.wind_m_s
+            <= 0.8 * self.airspeed_m_s,
+            f"drift {self.drift_m} m: at least 0": self.drift_m >= 0,
+            f"place {self.lat_deg}, {self.lon_deg}: latitude within ±80": abs(self.lat_deg) <= 80
+            and abs(self.lon_deg) <= 180,
+        }
+        for message, holds in checks.items():
+            if not holds:
+                raise SyntheticFlightError(f"cannot render a flight with {message}")
+
+    @property
+    def camera(self) -> CameraModel:
+        """The pinhole camera, image top to the nose."""
+        focal_px = focal_from_hfov_px(self.frame_width_px, self.hfov_deg)
+        return CameraModel(
+            width_px=self.frame_width_px,
+            height_px=self.frame_height_px,
+            focal_x_px=focal_px,
+            focal_y_px=focal_px,
+            principal_x_px=(self.frame_width_px - 1) / 2.0,
+            principal_y_px=(self.frame_height_px - 1) / 2.0,
+        )
+
+    @property
+    def footprint_m(self) -> tuple[float, float]:
+        """Width and length on the ground of a frame that looks straight down."""
+        width_m = 2.0 * self.height_m * math.tan(math.radians(self.hfov_deg) / 2.0)
+        return width_m, width_m * self.frame_height_px / self.frame_width_px
+
+    @property
+    def frame_gsd_m(self) -> float:
+        """Ground metres per frame pixel."""
+        return self.footprint_m[0] / self.frame_width_px
+
+    @property
+    def crs(self) -> str:
+        """The map's CRS: the one given, or the UTM zone of the place."""
+        if self.map_crs is not None:
+            return self.map_crs
+        zone = min(60, int((self.lon_deg + 180.0) // 6.0) + 1)
+        return f"EPSG:{(32600 if self.lat_deg >= 0.0 else 32700) + zone}"
