@@ -4,6 +4,7 @@ import functools
 import logging
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from uasthn_cli.errors import CameraError
@@ -14,7 +15,8 @@ from uasthn_cli.ingest.camera_table import (
     NamedCamera,
     find_camera,
 )
-from uasthn_cli.ingest.exif import ExifFacts
+from uasthn_cli.ingest.exif import ExifFacts, read_exif
+from uasthn_cli.ingest.frames import UnreadableFrameError
 from uasthn_cli.types import CameraModel
 
 __all__ = ["CAMERAS", "CameraSpec", "FrameSizeError", "NamedCamera"]
@@ -26,7 +28,7 @@ _ASPECT_TOLERANCE = 0.01
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 
-class FrameSizeError(ValueError):
+class FrameSizeError(UnreadableFrameError):
     """A frame's shape is not the camera's, so that its field of view is unknown."""
 
 
@@ -89,6 +91,16 @@ class CameraSpec:
             distortion=self.distortion,
             mount_yaw_rad=math.radians(self.mount_yaw_deg),
         )
+
+    def model_of_frame(self, path: Path, width_px: int, height_px: int) -> CameraModel:
+        """Return the pinhole model for one frame, whose EXIF is read if nothing else is given.
+
+        Raises:
+            CameraError: neither the description nor the frame's EXIF tells a focal length.
+            FrameSizeError: the frame has not the shape of the named camera's array.
+        """
+        needs_exif = self.hfov_deg is None and self.focal_mm is None and self.name is None
+        return self.model(width_px, height_px, read_exif(path) if needs_exif else None)
 
     def _focal_px(self, width_px: int, height_px: int, exif: ExifFacts) -> float:
         if self.hfov_deg is not None:

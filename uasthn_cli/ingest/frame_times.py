@@ -33,13 +33,13 @@ _ZONES_H: Final = (
 class FrameTimes:
     """Capture times of ``n`` frames in UTC seconds, None where unknown.
 
-    ``source`` is ``table``, a camera message's name, ``name`` or ``exif``; ``sentence`` says in
+    ``source`` is ``table``, a camera message's name, ``name`` or ``exif``; ``why`` says in
     words how many frames it dates. ``is_local`` marks times that were stated without a time zone.
     """
 
     times_s: tuple[float | None, ...]
     source: str
-    sentence: str
+    why: str
     is_local: bool = False
 
     @property
@@ -128,7 +128,7 @@ def in_zone_of_log(stated: FrameTimes, spans: Sequence[Span], offset_s: float = 
     return replace(
         stated,
         times_s=tuple(None if t is None else t - zone_h * 3600.0 for t in stated.times_s),
-        sentence=f"{stated.sentence}, read as local time UTC{zone_h:+g} h to fall into the log",
+        why=f"{stated.why}, read as local time UTC{zone_h:+g} h to fall into the log",
     )
 
 
@@ -143,7 +143,7 @@ def _gather(
     return FrameTimes(
         times_s=tuple(None if stated is None else stated.time_s for stated in found),
         source=source,
-        sentence=f"times of {len(known)} of {len(frames)} frames from {words}",
+        why=f"times of {len(known)} of {len(frames)} frames from {words}",
         is_local=bool(known) and all(stated.is_local for stated in known),
     )
 
@@ -176,7 +176,7 @@ def _from_events(
         best = FrameTimes(
             times_s=tuple(float(times_s[k]) if k >= 0 else None for k in index),
             source=events.message.lower(),
-            sentence=f"times of {matched} of {len(frames)} frames from the log's"
+            why=f"times of {matched} of {len(frames)} frames from the log's"
             f" {len(times_s)} {events.message} messages",
         )
     return best

@@ -99,7 +99,7 @@ def build_priors(
         hints = np.array(stated.known_s) + config.time_offset_s
     choice = choose_time_base(telemetry, config.time_base, hints)
     times = with_camera_messages(frames, telemetry, choice.clock, stated)
-    _log.info("frame times: %s", times.sentence)
+    _log.info("frame times: %s", times.why)
     tracks = _tracks(telemetry, choice.clock)
     results = [
         _result(frame, time_s, tracks, config)
