@@ -17,7 +17,9 @@ INTERRUPTED_EXIT_CODE: Final = 130
 UNEXPECTED_EXIT_CODE: Final = 1
 
 COMMANDS: Final = {
+    "geotag": "uasthn_cli.commands.geotag:geotag",
     "report": "uasthn_cli.commands.report:report",
+    "cameras": "uasthn_cli.commands.cameras:cameras",
     "completion": "uasthn_cli.commands.completion:completion",
 }
 """Subcommands in the order of ``--help``; a module is imported when its command is asked for."""

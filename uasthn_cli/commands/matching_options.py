@@ -133,6 +133,7 @@ matching_options: Final = gathered(
     trust_option(
         "--max-std",
         type=StdThresholdType(),
+        metavar="10m|4px",
         default=f"{_CONFIG.decision.max_std_m:g}m",
         show_default=True,
         help="Standard deviation of the corners beyond which a frame is rejected: metres on the"

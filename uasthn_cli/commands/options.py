@@ -30,13 +30,14 @@ Decorator = Callable[[Command], Command]
 
 _PRIOR: Final = PriorConfig()
 
+output_option = section_option("Output")
 camera_option = section_option("Camera (one of --hfov, --focal-mm, --camera)")
 time_option = section_option("Time and height")
 
 
 def out_option(help_text: str, required: bool = True, default: Path | None = None) -> Decorator:
     """Return the ``--out DIR`` option."""
-    return section_option("Output")(
+    return output_option(
         "--out",
         type=click.Path(path_type=Path),
         required=required,
@@ -46,7 +47,7 @@ def out_option(help_text: str, required: bool = True, default: Path | None = Non
     )
 
 
-overwrite_option: Final = section_option("Output")(
+overwrite_option: Final = output_option(
     "--overwrite", is_flag=True, help="Replace the results that are in the output folder."
 )
 
@@ -77,14 +78,9 @@ def _camera_spec(
     distortion: tuple[float, ...],
     mount_yaw_deg: float,
 ) -> "CameraSpec":
-    """Return the camera that the options describe, whole and free of contradiction."""
+    """Return the camera that the options describe; contradictions are its own to refuse."""
     from uasthn_cli.ingest.cameras import CameraSpec
 
-    given = [hfov_deg is not None, focal_mm is not None, camera_name is not None]
-    if sum(given) > 1:
-        raise click.UsageError("give only one of --hfov, --focal-mm and --camera")
-    if (focal_mm is None) != (pixel_pitch_um is None):
-        raise click.UsageError("--focal-mm and --pixel-pitch-um go together")
     return CameraSpec(
         hfov_deg=hfov_deg,
         focal_mm=focal_mm,

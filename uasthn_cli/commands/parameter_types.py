@@ -6,12 +6,9 @@ from typing import Any, Final
 
 import click
 
-DISTORTION_COUNTS: Final = (4, 5, 8, 12, 14)
-"""Numbers of coefficients that OpenCV's camera models take."""
 
-
-class FiniteRange(click.FloatRange):
-    """A number within bounds that is neither infinite nor undefined."""
+class FiniteNumber(click.types.FloatParamType):
+    """A number that is neither infinite nor undefined."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -23,8 +20,12 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+class FiniteRange(click.FloatRange, FiniteNumber):
+    """A finite number within bounds."""
+
+
 ABOVE_ZERO: Final = FiniteRange(min=0, min_open=True)
-ANY_NUMBER: Final = FiniteRange()
+ANY_NUMBER: Final = FiniteNumber()
 
 
 class DistortionType(click.ParamType[tuple[float, ...]]):
@@ -42,13 +43,8 @@ class DistortionType(click.ParamType[tuple[float, ...]]):
             coefficients = tuple(float(part) for part in str(value).split(","))
         except ValueError:
             self.fail(f"{value!r} is not a list of numbers separated by commas", param, ctx)
-        if len(coefficients) not in DISTORTION_COUNTS or not all(map(math.isfinite, coefficients)):
-            self.fail(
-                f"{value!r} has {len(coefficients)} coefficients; OpenCV's models take"
-                f" {', '.join(map(str, DISTORTION_COUNTS))} finite ones",
-                param,
-                ctx,
-            )
+        if not all(map(math.isfinite, coefficients)):
+            self.fail(f"{value!r} holds a number that is not finite", param, ctx)
         return coefficients
 
 

@@ -69,6 +69,11 @@ class Run:
         return len(self.priors.results)
 
     @property
+    def map_crs(self) -> str:
+        """The map's own coordinate reference system, as WKT."""
+        return self._reader.place.crs_wkt
+
+    @property
     def timings(self) -> dict[str, float]:
         """Seconds spent per stage so far."""
         return self._timer.seconds
