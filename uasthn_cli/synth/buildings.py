@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uasthn_cli.synth.cover import ragged_fill, thin_patch
 from uasthn_cli.synth.layout import Axes, Plot, divide
 from uasthn_cli.synth.materials import Climate, Material
 from uasthn_cli.synth.roads import ground_overlay
 from uasthn_cli.synth.scene import Date, Patch, Scene, draw_lines, fill_ring
-from uasthn_cli.synth.vegetation import crown_overlay, plant
+from uasthn_cli.synth.vegetation import plant
 from uasthn_cli.types import FloatArray
 
 _ONLY_ONCE = 0.05
@@ -75,7 +76,8 @@ def vehicle(
 def farmstead(scene: Scene, roofs: Roofs, axes: Axes, yard_patch: int) -> None:
     """Build a yard around the origin of the axes: sheds, a house, trees, vehicles."""
     size_m = float(scene.rng.uniform(25.0, 55.0))
-    scene.fill(axes.to_px(Plot(-size_m, -size_m, size_m, size_m).corners_m()), yard_patch)
+    yard = axes.to_px(Plot(-size_m, -size_m, size_m, size_m).corners_m())
+    ragged_fill(scene, yard, yard_patch, 0.25 * size_m)
     for lot in divide(scene.rng, Plot(-size_m, -size_m, size_m, size_m), 0.8 * size_m, 12.0):
         if scene.rng.random() < 0.45:
             margin = float(scene.rng.uniform(1.5, 5.0))
@@ -88,14 +90,14 @@ def farmstead(scene: Scene, roofs: Roofs, axes: Axes, yard_patch: int) -> None:
     count = int(scene.rng.integers(4, 22))
     trees = axes.to_px(scene.rng.normal(0.0, 0.8 * size_m, (count, 2)))
     radii_m = scene.rng.uniform(1.5, 4.5, count)
-    plant(scene, crown_overlay(scene, Material.CROWN), trees, radii_m, height_per_radius=2.0)
+    plant(scene, Material.CROWN, trees, radii_m, height_per_radius=2.0)
 
 
 def town(scene: Scene, roofs: Roofs, axes: Axes, area: Plot) -> None:
     """Build a street grid: blocks of houses with gardens, some with halls and car parks."""
     streets, trees = [], []
     width_m = float(scene.rng.uniform(6.0, 10.0))
-    yards = [scene.new_patch(m, mottle=0.09) for m in (Material.GRASS, Material.SOIL)]
+    yards = [thin_patch(scene, m, 0.5) for m in (Material.GRASS, Material.GRASS, Material.SOIL)]
     lots = [scene.new_patch(Material.CONCRETE, mottle=0.05) for _ in range(2)]
     blocks = divide(scene.rng, area, 190.0, 70.0)
     for block in blocks:
@@ -107,7 +109,7 @@ def town(scene: Scene, roofs: Roofs, axes: Axes, area: Plot) -> None:
             scene.fill(axes.to_px(inner), lots[int(scene.rng.integers(2))])
             _halls(scene, roofs, axes, plot)
         else:
-            scene.fill(axes.to_px(inner), yards[int(scene.rng.random() < 0.3)])
+            scene.fill(axes.to_px(inner), yards[int(scene.rng.integers(3))])
             trees.append(_houses(scene, roofs, axes, plot))
     paved = ground_overlay(scene, Material.PAVED)
     for coverage in (paved.day, paved.night):
@@ -157,15 +159,11 @@ def _halls(scene: Scene, roofs: Roofs, axes: Axes, block: Plot) -> None:
 
 
 def _plant_gardens(scene: Scene, groups: list[FloatArray]) -> None:
-    """Plant the gardens' trees, none on a roof."""
-    if not groups:
-        return
-    points = np.concatenate(groups)
-    limits = np.array(scene.shape[::-1]) - 1
-    columns, rows = np.clip(np.round(points).astype(int), 0, limits).T
-    points = points[scene.above_m[rows, columns] == 0.0]
-    radii_m = scene.rng.uniform(1.5, 4.5, len(points))
-    plant(scene, crown_overlay(scene, Material.CROWN), points, radii_m, height_per_radius=2.0)
+    """Plant the gardens' trees."""
+    if groups:
+        points = np.concatenate(groups)
+        radii_m = scene.rng.uniform(1.5, 4.5, len(points))
+        plant(scene, Material.CROWN, points, radii_m, height_per_radius=2.0)
 
 
 def random_axes(scene: Scene, angle_rad: float | None = None) -> Axes:

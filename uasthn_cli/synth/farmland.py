@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 
+from uasthn_cli.synth.cover import ragged_fill
 from uasthn_cli.synth.layout import Axes, Plot, divide
 from uasthn_cli.synth.materials import Climate, Material
 from uasthn_cli.synth.roads import ground_overlay
 from uasthn_cli.synth.scene import Date, Scene, draw_lines
-from uasthn_cli.synth.vegetation import crown_overlay, hedge_points, orchard_points, plant
+from uasthn_cli.synth.vegetation import hedge_points, orchard_points, plant
 from uasthn_cli.types import BoolArray, FloatArray
 
 _RECROPPED = 0.25
@@ -67,7 +68,7 @@ def pivots(scene: Scene, axes: Axes, area: Plot, radius_m: float, mask: BoolArra
 def desert_farm(scene: Scene, axes: Axes, area: Plot) -> None:
     """Wall off a rectangle in the sand: beds, date palms in a grid, a windbreak around."""
     ground = scene.new_patch(Material.SOIL, mottle=0.07)
-    scene.fill(axes.to_px(area.corners_m()), ground)
+    ragged_fill(scene, axes.to_px(area.corners_m()), ground, 3.0)
     palms: list[FloatArray] = []
     for plot in divide(scene.rng, area, 75.0, 22.0):
         fate = scene.rng.random()
@@ -87,7 +88,7 @@ def desert_farm(scene: Scene, axes: Axes, area: Plot) -> None:
     if palms:
         points = np.concatenate(palms)
         radii_m = scene.rng.uniform(1.4, 3.0, len(points))
-        plant(scene, crown_overlay(scene, Material.CROWN), points, radii_m, height_per_radius=2.0)
+        plant(scene, Material.CROWN, points, radii_m, height_per_radius=2.0)
 
 
 def _bed(scene: Scene, ring_px: FloatArray, angle_rad: float) -> None:
@@ -153,4 +154,4 @@ def _plant_hedges(scene: Scene, hedges: list[FloatArray], mask: BoolArray) -> No
     columns, rows = np.clip(np.round(points).astype(int), 0, limits).T
     points = points[mask[rows, columns]]
     radii_m = scene.rng.uniform(1.2, 3.5, len(points))
-    plant(scene, crown_overlay(scene, Material.CROWN), points, radii_m, height_per_radius=2.2)
+    plant(scene, Material.CROWN, points, radii_m, height_per_radius=2.2)

@@ -15,7 +15,7 @@ from uasthn_cli.synth.materials import Climate, Material
 from uasthn_cli.synth.roads import crossing_roads, ground_overlay, wandering_tracks
 from uasthn_cli.synth.scene import Scene, new_scene
 from uasthn_cli.synth.terrain import hills
-from uasthn_cli.synth.vegetation import forest, scrub
+from uasthn_cli.synth.vegetation import forest, grow, scrub
 from uasthn_cli.types import BoolArray
 
 
@@ -43,6 +43,7 @@ def build_scene(
         relief_m=float(rng.uniform(1.5, 9.0)),
     )
     _RECIPES[kind](scene)
+    grow(scene)
     return scene
 
 

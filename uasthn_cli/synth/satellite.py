@@ -13,6 +13,8 @@ from uasthn_cli.synth.scene import Date, Scene
 from uasthn_cli.synth.terrain import cast_shadow, hollowness, slopes, sunlight
 from uasthn_cli.types import ImageArray
 
+PLANTS = (Material.CROWN, Material.SCRUB)
+
 
 @dataclass(frozen=True, slots=True)
 class Daylight:
@@ -46,10 +48,14 @@ def satellite_image(scene: Scene, daylight: Daylight) -> NDArray[np.uint8]:
     """Return the scene's satellite image ``(h, w, 3)`` RGB."""
     image = _patch_colours(scene)
     image *= (1.0 + _texture(scene))[..., None]
-    for overlay in scene.overlays:
-        alpha = overlay.day.astype(np.float32)[..., None] * np.float32(1.0 / 255.0)
-        image += alpha * (np.array(overlay.colour, dtype=np.float32) - image)
     _tint_ground(scene, image)
+    leaves = leaf_texture(scene)
+    for overlay in scene.overlays:
+        alpha = overlay.day.astype(np.float32) * np.float32(1.0 / 255.0)
+        tone = 1.0 + 0.16 * leaves if overlay.material in PLANTS else np.float32(1.0)
+        for channel, value in enumerate(overlay.colour):
+            plane = image[..., channel]
+            plane += alpha * (np.float32(value) * tone - plane)
     _light(scene, image, daylight)
     return _developed(scene, image, daylight)
 
@@ -57,6 +63,7 @@ def satellite_image(scene: Scene, daylight: Daylight) -> NDArray[np.uint8]:
 def row_stripes(scene: Scene, date: Date) -> ImageArray:
     """Return the row pattern ``(h, w)``: each patch's stripes times its row contrast.
 
+    Narrow tram lines at the row spacing, and swaths some three rows wide (a seeder, a mower).
     Rows closer than two pixels fade out instead of aliasing.
     """
     patches = scene.patches
@@ -72,8 +79,16 @@ def row_stripes(scene: Scene, date: Date) -> ImageArray:
     y, x = np.indices(scene.shape, dtype=np.float32)
     phase = wave_x[index] * x + wave_y[index] * y
     phase += 0.5 * fractal_noise(scene.rng, scene.shape, scene.gsd_m, 80.0, finest_m=10.0)
-    waves = np.sin(phase) + np.float32(0.5) * np.sin(np.float32(0.37) * phase)
-    return np.asarray(contrast[index] * waves, dtype=np.float32)
+    swath = np.float32(0.5) + np.float32(0.5) * np.cos(phase)
+    lines = swath * swath
+    lines *= lines
+    waves = np.float32(0.6) * np.sin(np.float32(0.31) * phase) - np.float32(1.8) * lines
+    return np.asarray(contrast[index] * (waves + np.float32(0.5)), dtype=np.float32)
+
+
+def leaf_texture(scene: Scene) -> ImageArray:
+    """Return how crowns differ from one another and leaf by leaf ``(h, w)``, unit deviation."""
+    return fractal_noise(scene.rng, scene.shape, scene.gsd_m, 14.0, roughness=0.75, finest_m=1.0)
 
 
 def _patch_colours(scene: Scene) -> ImageArray:
@@ -93,16 +108,18 @@ def _texture(scene: Scene) -> ImageArray:
 
 
 def _tint_ground(scene: Scene, image: ImageArray) -> None:
-    """Vary the hue slowly; redden steep sand and grey the sand of hollows, as Bing shows dunes."""
+    """Vary the hue slowly; darken damp hollows; redden steep sand, grey the sand of hollows."""
     drift = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 700.0, finest_m=15.0)
     axis = (scene.rng.normal(0.0, 0.012) + scene.rng.normal(0.0, 0.004, 3)).astype(np.float32)
     image += drift[..., None] * axis
     materials = np.array([patch.material for patch in scene.patches])
     sandy = np.isin(materials, (Material.SAND,)).astype(np.float32)[scene.day]
-    if scene.climate is Climate.ARID and sandy.any():
+    hollow = np.clip(hollowness(scene.ground_m, scene.gsd_m, 40.0) / 2.0, -1.0, 1.0)
+    if scene.climate is Climate.TEMPERATE:
+        image *= (1.0 - 0.07 * hollow)[..., None]
+    elif sandy.any():
         east, north = slopes(scene.ground_m, scene.gsd_m)
         steep = np.clip(np.hypot(east, north) / 0.5, 0.0, 1.0)
-        hollow = np.clip(hollowness(scene.ground_m, scene.gsd_m, 40.0) / 2.0, -1.0, 1.0)
         image += (sandy * steep)[..., None] * np.array([0.05, 0.005, -0.03], dtype=np.float32)
         image += (sandy * hollow)[..., None] * np.array([-0.03, -0.012, 0.0], dtype=np.float32)
 
@@ -122,7 +139,7 @@ def _crown_share(scene: Scene) -> ImageArray:
     """Return where heights above ground are crowns (rounded) rather than roofs (flat)."""
     share = np.zeros(scene.shape, dtype=np.float32)
     for overlay in scene.overlays:
-        if overlay.material in (Material.CROWN, Material.SCRUB):
+        if overlay.material in PLANTS:
             share = np.maximum(share, overlay.day * np.float32(0.35 / 255.0))
     return share
 

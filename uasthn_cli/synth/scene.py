@@ -54,12 +54,22 @@ class Overlay:
         return [self.day] * bool(date & Date.DAY) + [self.night] * bool(date & Date.NIGHT)
 
 
+@dataclass(frozen=True, slots=True)
+class Planting:
+    """Plants still to be drawn: places ``(n, 2)`` in pixels, crown radii ``(n,)`` in metres."""
+
+    material: Material
+    points_px: FloatArray
+    radii_m: FloatArray
+    height_per_radius: float
+
+
 @dataclass(slots=True)
 class Scene:
     """Rasters ``(h, w)`` being filled in; ``day`` and ``night`` hold indices into ``patches``.
 
     ``ground_m`` is the bare ground, ``above_m`` the height of roofs and crowns over it on the
-    satellite's date, ``lift`` the crowns' part of it in 0..1 for their own shading.
+    satellite's date.
     """
 
     gsd_m: float
@@ -72,6 +82,7 @@ class Scene:
     night_warmth_k: dict[Material, float]
     patches: list[Patch] = field(default_factory=list)
     overlays: list[Overlay] = field(default_factory=list)
+    plantings: list[Planting] = field(default_factory=list)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uasthn_cli.synth.noise import fractal_noise, smooth
-from uasthn_cli.synth.satellite import row_stripes
+from uasthn_cli.synth.satellite import PLANTS, leaf_texture, row_stripes
 from uasthn_cli.synth.scene import Date, Scene
 from uasthn_cli.synth.terrain import hollowness, slopes
 from uasthn_cli.types import ImageArray
@@ -44,9 +44,9 @@ def draw_night_sky(rng: np.random.Generator) -> Night:
         open_sky_k_per_m=float(rng.normal(0.0, 0.5)),
         steep_k=float(rng.normal(-0.8, 1.0)),
         moisture_k=float(rng.uniform(0.1, 0.5)),
-        grain_k=float(rng.uniform(0.05, 0.2)),
+        grain_k=float(rng.uniform(0.03, 0.12)),
         gradient_k=float(rng.uniform(0.1, 0.6)),
-        row_k=float(rng.normal(0.0, 6.0)),
+        row_k=float(rng.normal(0.0, 5.0)),
     )
 
 
@@ -59,9 +59,12 @@ def night_temperature(scene: Scene, night: Night) -> ImageArray:
     temperature += texture * _grain(scene, night)
     temperature += night.row_k * row_stripes(scene, Date.NIGHT)
     temperature += _relief(scene, night)
+    leaves = leaf_texture(scene)
     for overlay in scene.overlays:
         alpha = overlay.night.astype(np.float32) * np.float32(1.0 / 255.0)
-        temperature += alpha * (np.float32(overlay.warmth_k) - temperature)
+        patchy = 0.35 * leaves if overlay.material in PLANTS else np.float32(0.0)
+        temperature += alpha * (np.float32(overlay.warmth_k) + patchy - temperature)
+    temperature = smooth(temperature, 0.4 / scene.gsd_m)
     slow = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 900.0, finest_m=30.0)
     return temperature + night.gradient_k * slow + np.float32(night.air_k)
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from uasthn_cli.synth.layout import Axes, Plot
 from uasthn_cli.synth.materials import Material
 from uasthn_cli.synth.noise import fractal_noise
-from uasthn_cli.synth.scene import Overlay, Scene
+from uasthn_cli.synth.scene import Overlay, Planting, Scene
 from uasthn_cli.types import BoolArray, FloatArray, ImageArray
 
-_RADIUS_CLASSES = 4
+_RADIUS_CLASSES = 5
 
 
 def forest(scene: Scene, mask: BoolArray, spacing_m: float) -> None:
@@ -21,8 +21,8 @@ def forest(scene: Scene, mask: BoolArray, spacing_m: float) -> None:
     points = _jittered_grid(scene, spacing_m)
     keep = _values_at(density, points) > scene.rng.normal(-1.5, 0.5, len(points))
     points = points[keep & (_values_at(mask.astype(np.float32), points) > 0.5)]
-    radii_m = 0.62 * spacing_m * scene.rng.lognormal(0.0, 0.22, len(points))
-    plant(scene, crown_overlay(scene, Material.CROWN), points, radii_m, height_per_radius=3.2)
+    radii_m = 0.68 * spacing_m * scene.rng.lognormal(0.0, 0.28, len(points))
+    plant(scene, Material.CROWN, points, radii_m, height_per_radius=3.2)
 
 
 def scrub(scene: Scene, mask: BoolArray, per_hectare: float) -> None:
@@ -34,7 +34,7 @@ def scrub(scene: Scene, mask: BoolArray, per_hectare: float) -> None:
     liking = np.exp(1.3 * _values_at(groups, points)) * _values_at(mask.astype(np.float32), points)
     points = points[scene.rng.uniform(0.0, 6.0, len(points)) < liking]
     radii_m = np.clip(scene.rng.lognormal(math.log(1.1), 0.45, len(points)), 0.5, 4.0)
-    plant(scene, crown_overlay(scene, Material.SCRUB), points, radii_m, height_per_radius=1.2)
+    plant(scene, Material.SCRUB, points, radii_m, height_per_radius=1.2)
 
 
 def orchard_points(scene: Scene, axes: Axes, plot: Plot, spacing_m: float) -> FloatArray:
@@ -58,57 +58,86 @@ def hedge_points(scene: Scene, line_px: FloatArray, spacing_m: float) -> FloatAr
     return points + scene.rng.normal(0.0, 0.5 / scene.gsd_m, points.shape)
 
 
-def crown_overlay(scene: Scene, material: Material) -> Overlay:
-    """Return the scene's overlay of a kind of plant, made on first use."""
-    for overlay in scene.overlays:
-        if overlay.material is material:
-            return overlay
-    return scene.new_overlay(material)
-
-
 def plant(
     scene: Scene,
-    overlay: Overlay,
+    material: Material,
     points_px: FloatArray,
     radii_m: FloatArray,
     *,
     height_per_radius: float,
 ) -> None:
-    """Set plants with crowns of the radii given: coverage on both dates, height by day."""
-    radii_px = radii_m / scene.gsd_m
-    for group in _by_size(radii_px):
-        radius_px = float(radii_px[group].mean())
-        cover, dome = _stamped(scene.shape, points_px[group], radius_px)
-        coverage = np.clip(cover * 255.0, 0.0, 255.0).astype(np.uint8)
-        np.maximum(overlay.day, coverage, out=overlay.day)
-        np.maximum(overlay.night, coverage, out=overlay.night)
-        height_m = (height_per_radius * radius_px * scene.gsd_m) * np.minimum(dome, 1.2)
-        np.maximum(scene.above_m, height_m, out=scene.above_m)
+    """Mark plants with crowns of the radii given; :func:`grow` draws them all at once."""
+    scene.plantings.append(Planting(material, points_px, radii_m, height_per_radius))
 
 
-def _by_size(radii_px: FloatArray) -> list[NDArray[np.intp]]:
+def grow(scene: Scene) -> None:
+    """Draw every plant that was set: coverage on both dates, height by day; none on a roof.
+
+    Crowns are domes whose outline and height a fine noise frays.
+    """
+    fray = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 4.0, roughness=0.7)
+    for material in (Material.SCRUB, Material.CROWN):
+        plantings = [p for p in scene.plantings if p.material is material]
+        if not plantings:
+            continue
+        points = np.concatenate([p.points_px for p in plantings])
+        radii_m = np.concatenate([p.radii_m for p in plantings])
+        growth = np.concatenate([np.full(len(p.radii_m), p.height_per_radius) for p in plantings])
+        inside = ((points >= -0.5) & (points < np.array(scene.shape[::-1]) - 0.5)).all(axis=1)
+        inside &= _values_at(scene.above_m, points) == 0.0
+        _draw(scene, scene.new_overlay(material), points[inside], radii_m[inside], fray, growth)
+
+
+def _draw(
+    scene: Scene,
+    overlay: Overlay,
+    points_px: FloatArray,
+    radii_m: FloatArray,
+    fray: ImageArray,
+    growth: FloatArray,
+) -> None:
+    """Draw the plants of one kind, size class by size class."""
+    crown_m = np.zeros(scene.shape, dtype=np.float32)
+    cover = np.zeros(scene.shape, dtype=np.float32)
+    for group in _by_size(radii_m):
+        radius_m = float(radii_m[group].mean())
+        disc, dome = _stamped(scene.shape, points_px[group], radius_m / scene.gsd_m)
+        if radius_m > 2.0 * scene.gsd_m:
+            disc = np.clip((dome - 0.42 + 0.16 * fray) * 4.0, 0.0, 1.0)
+        np.maximum(cover, disc, out=cover)
+        rise_m = float(growth[group].mean()) * radius_m
+        np.maximum(crown_m, rise_m * np.minimum(dome, 1.15) * disc, out=crown_m)
+    coverage = np.clip(cover * 255.0, 0.0, 255.0).astype(np.uint8)
+    for layer in (overlay.day, overlay.night):
+        np.maximum(layer, coverage, out=layer)
+    np.maximum(scene.above_m, crown_m, out=scene.above_m)
+
+
+def _by_size(radii_m: FloatArray) -> list[NDArray[np.intp]]:
     """Split indices into groups of like radius."""
-    if not len(radii_px):
+    if not len(radii_m):
         return []
-    return [group for group in np.array_split(np.argsort(radii_px), _RADIUS_CLASSES) if len(group)]
+    groups = np.array_split(np.argsort(radii_m), _RADIUS_CLASSES)
+    return [group for group in groups if len(group)]
 
 
 def _stamped(
     shape: tuple[int, int], points_px: FloatArray, radius_px: float
 ) -> tuple[ImageArray, ImageArray]:
-    """Return coverage and dome height ``(h, w)`` of equal crowns at the points."""
+    """Return coverage and dome height ``(h, w)`` of equal crowns at points inside the image."""
     impulses = np.zeros(shape, dtype=np.float32)
     columns, rows = np.round(points_px).astype(int).T
-    inside = (columns >= 0) & (rows >= 0) & (columns < shape[1]) & (rows < shape[0])
-    impulses[rows[inside], columns[inside]] = 1.0
+    impulses[rows, columns] = 1.0
     reach = math.ceil(radius_px + 0.5)
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     distance = np.hypot(x, y)
     disc = np.clip(radius_px + 0.5 - distance, 0.0, 1.0).astype(np.float32)
     disc *= min(1.0, math.pi * radius_px**2 / float(disc.sum()))
     dome = np.sqrt(np.clip(1.0 - (distance / (radius_px + 0.5)) ** 2, 0.0, 1.0)).astype(np.float32)
-    cover = cv2.filter2D(impulses, cv2.CV_32F, disc, borderType=cv2.BORDER_CONSTANT)
     domes = cv2.filter2D(impulses, cv2.CV_32F, dome, borderType=cv2.BORDER_CONSTANT)
+    if radius_px > 2.0:
+        return np.asarray(domes > 0.0, np.float32), np.asarray(domes, np.float32)
+    cover = cv2.filter2D(impulses, cv2.CV_32F, disc, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(cover, np.float32), np.asarray(domes, np.float32)
 
 
