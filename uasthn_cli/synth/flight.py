@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.errors import OutputError, SyntheticFlightError
-from uasthn_cli.geometry.camera import homography_frame_ground
+from uasthn_cli.geometry.camera import focal_from_hfov_px, homography_frame_ground
 from uasthn_cli.geometry.corners import image_corners_px, transform_points
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.synth.flight_config import FlightConfig
 from uasthn_cli.synth.flight_log import LogBook
+from uasthn_cli.synth.kinds import Route
 from uasthn_cli.synth.landscape import render_landscape
 from uasthn_cli.synth.map_raster import Ground, write_map
 from uasthn_cli.synth.noise import smooth
@@ -26,7 +27,6 @@ from uasthn_cli.synth.sensor import render_sensor
 from uasthn_cli.synth.trajectory import (
     Aircraft,
     Pose,
-    Route,
     Trajectory,
     exposure_times_s,
     fly,
@@ -34,7 +34,7 @@ from uasthn_cli.synth.trajectory import (
     navigation_error,
     survey_track,
 )
-from uasthn_cli.types import FloatArray, ImageArray
+from uasthn_cli.types import CameraModel, FloatArray, ImageArray
 
 TRUTH_COLUMNS = (
     *("frame", "lat", "lon", "center_lat", "center_lon", "unix_time_s", "agl_m"),
@@ -73,11 +73,11 @@ def render_flight(
     config: FlightConfig,
     *,
     overwrite: bool = False,
-    on_frame: Callable[[int, int], None] | None = None,
+    on_frame: Callable[[int], None] | None = None,
 ) -> RenderedFlight:
     """Render a flight into a folder of its own, which appears when everything is in it.
 
-    ``on_frame`` is told (frames done, frames in all).
+    ``on_frame`` is told how many frames are done.
 
     Raises:
         SyntheticFlightError: the flight is too large to render, or its CRS does not fit.
@@ -97,8 +97,21 @@ def render_flight(
     return RenderedFlight(out / "map.tif", out / "frames", out / "flight.tlog", out / "truth.csv")
 
 
+def camera_of(config: FlightConfig) -> CameraModel:
+    """Return the flight's pinhole camera, image top to the nose."""
+    focal_px = focal_from_hfov_px(config.frame_width_px, config.hfov_deg)
+    return CameraModel(
+        width_px=config.frame_width_px,
+        height_px=config.frame_height_px,
+        focal_x_px=focal_px,
+        focal_y_px=focal_px,
+        principal_x_px=(config.frame_width_px - 1) / 2.0,
+        principal_y_px=(config.frame_height_px - 1) / 2.0,
+    )
+
+
 def plan_exposures(config: FlightConfig) -> tuple[Trajectory, list[Exposure]]:
-    """Fly the route and return the true motion and the flight's exposures.
+    """Fly the route; return the true motion until just after the last exposure, and exposures.
 
     Raises:
         SyntheticFlightError: the aircraft never flies level for long enough.
@@ -118,7 +131,8 @@ def plan_exposures(config: FlightConfig) -> tuple[Trajectory, list[Exposure]]:
         raise SyntheticFlightError(
             f"only {len(times_s)} of {config.frames} exposures are level enough; allow more tilt"
         )
-    return trajectory, [_exposure(config, trajectory, float(time_s)) for time_s in times_s]
+    exposures = [_exposure(config, trajectory, float(time_s)) for time_s in times_s]
+    return trajectory.until(float(times_s[-1]) + _LOG_TAIL_S), exposures
 
 
 def frame_image(
@@ -164,7 +178,7 @@ def ground_of(config: FlightConfig, exposures: list[Exposure]) -> Ground:
 
 
 def _render_into(
-    folder: Path, config: FlightConfig, on_frame: Callable[[int, int], None] | None
+    folder: Path, config: FlightConfig, on_frame: Callable[[int], None] | None
 ) -> None:
     """Write all four parts of a flight into a folder."""
     trajectory, exposures = plan_exposures(config)
@@ -189,7 +203,7 @@ def _render_into(
         frame = render_sensor(seen, _stream(config, _CAMERA, index), config.sensor)
         _write_png(folder / "frames" / exposure.name, frame)
         if on_frame is not None:
-            on_frame(index + 1, len(exposures))
+            on_frame(index + 1)
     _write_truth(folder / "truth.csv", config, ground.frame, exposures)
     _write_log(folder / "flight.tlog", config, ground.frame, trajectory, exposures)
 
@@ -211,7 +225,7 @@ def _exposure(config: FlightConfig, trajectory: Trajectory, time_s: float) -> Ex
     pose = trajectory.at(time_s)
     time_utc_s = round(config.start_utc_s + time_s, 3)
     below = np.array([[1.0, 0.0, pose.east_m], [0.0, 1.0, pose.north_m], [0.0, 0.0, 1.0]])
-    H = below @ homography_frame_ground(config.camera, pose.attitude, pose.height_m)
+    H = below @ homography_frame_ground(camera_of(config), pose.attitude, pose.height_m)
     return Exposure(f"frame_{round(time_utc_s * 1000)}.png", time_utc_s, pose, H)
 
 
@@ -219,7 +233,7 @@ def _write_truth(
     path: Path, config: FlightConfig, place: LocalFrame, exposures: list[Exposure]
 ) -> None:
     """Write the true camera position, ground point at the centre, and corners of every frame."""
-    camera = config.camera
+    camera = camera_of(config)
     centre = np.array([[camera.principal_x_px, camera.principal_y_px]])
     points_px = np.concatenate([centre, image_corners_px(camera.width_px, camera.height_px)])
     text = io.StringIO()
@@ -253,12 +267,7 @@ def _write_log(
     )
     book = LogBook(_stream(config, _LOG), place, trajectory, error, config.start_utc_s)
     times_s = np.array([exposure.time_utc_s - config.start_utc_s for exposure in exposures])
-    book.write(
-        path,
-        times_s,
-        end_s=float(times_s[-1]) + _LOG_TAIL_S,
-        camera_messages=config.camera_messages,
-    )
+    book.write(path, times_s if config.camera_messages else times_s[:0])
 
 
 def _write_png(path: Path, frame: NDArray[np.uint8] | NDArray[np.uint16]) -> None:

@@ -1,14 +1,35 @@
-"""What a rendered flight is made of: place, aircraft, camera, and what the GPS gets wrong."""
+"""What a rendered flight is made of: place, aircraft, camera, and what the GPS gets wrong.
+
+Every default of the workshop, free of heavy imports.
+"""
 
 import math
 from dataclasses import dataclass, field
 
 from uasthn_cli.errors import SyntheticFlightError
-from uasthn_cli.geometry.camera import focal_from_hfov_px
-from uasthn_cli.synth.recipes import LandscapeKind
-from uasthn_cli.synth.sensor import SensorConfig
-from uasthn_cli.synth.trajectory import Route
-from uasthn_cli.types import CameraModel
+from uasthn_cli.synth.kinds import Gain, LandscapeKind, Route
+
+
+@dataclass(frozen=True, slots=True)
+class SensorConfig:
+    """One camera. ``pattern_seed`` fixes what stays the same from frame to frame.
+
+    ``blur_px`` is the deviation of the optics' and detector's spread; ``vignetting_k`` the
+    difference of corners and centre; ``least_span_k`` keeps gain control from blowing up noise;
+    ``plateau`` is the largest share of pixels one histogram bin may claim.
+    """
+
+    blur_px: float = 0.7
+    netd_k: float = 0.05
+    column_pattern_k: float = 0.015
+    row_pattern_k: float = 0.010
+    pixel_pattern_k: float = 0.015
+    vignetting_k: float = 0.25
+    dead_pixel_share: float = 2e-5
+    gain: Gain = Gain.PLATEAU
+    plateau: float = 0.006
+    least_span_k: float = 5.0
+    pattern_seed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,19 +92,6 @@ class FlightConfig:
         for message, holds in checks.items():
             if not holds:
                 raise SyntheticFlightError(f"cannot render a flight with {message}")
-
-    @property
-    def camera(self) -> CameraModel:
-        """The pinhole camera, image top to the nose."""
-        focal_px = focal_from_hfov_px(self.frame_width_px, self.hfov_deg)
-        return CameraModel(
-            width_px=self.frame_width_px,
-            height_px=self.frame_height_px,
-            focal_x_px=focal_px,
-            focal_y_px=focal_px,
-            principal_x_px=(self.frame_width_px - 1) / 2.0,
-            principal_y_px=(self.frame_height_px - 1) / 2.0,
-        )
 
     @property
     def footprint_m(self) -> tuple[float, float]:

@@ -47,19 +47,15 @@ class LogBook:
         self._north_m_s = np.gradient(trajectory.north_m, SAMPLE_INTERVAL_S)
         self._latency_s = 0.004 + 0.02 * rng.random(count)
 
-    def write(
-        self, path: Path, exposures_s: FloatArray, *, end_s: float, camera_messages: bool
-    ) -> None:
-        """Write the log up to ``end_s``, with CAMERA_FEEDBACK at exposures if asked for.
+    def write(self, path: Path, feedback_s: FloatArray) -> None:
+        """Write the log, with a CAMERA_FEEDBACK for each of the times ``(n,)`` given.
 
         Raises:
             OutputError: the file cannot be written.
         """
-        feedback = list(enumerate(exposures_s)) if camera_messages else []
+        feedback = list(enumerate(feedback_s))
         with TlogWriter(path) as log:
             for index, time_s in enumerate(self._trajectory.times_s):
-                if time_s > end_s:
-                    break
                 record_s = self._start_utc_s + float(time_s) + float(self._latency_s[index])
                 while feedback and feedback[0][1] <= time_s:
                     self._write_exposure(log, record_s, *feedback.pop(0))

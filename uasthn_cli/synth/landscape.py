@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uasthn_cli.synth.recipes import LandscapeKind, build_scene
+from uasthn_cli.synth.kinds import LandscapeKind
+from uasthn_cli.synth.recipes import build_scene
 from uasthn_cli.synth.satellite import draw_daylight, satellite_image
 from uasthn_cli.synth.thermal import draw_night_sky, night_temperature
 from uasthn_cli.types import ImageArray

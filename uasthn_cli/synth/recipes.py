@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from enum import StrEnum
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from uasthn_cli.synth.buildings import Roofs, draw_roofs, farmstead, random_axes
 from uasthn_cli.synth.cover import lakes, open_ground, ragged_mask
 from uasthn_cli.synth.dunes import dune_field
 from uasthn_cli.synth.farmland import desert_farm, patchwork, pivots
+from uasthn_cli.synth.kinds import LandscapeKind
 from uasthn_cli.synth.layout import Axes, Plot
 from uasthn_cli.synth.materials import Climate, Material
 from uasthn_cli.synth.roads import crossing_roads, ground_overlay, wandering_tracks
@@ -17,16 +17,6 @@ from uasthn_cli.synth.scene import Scene, new_scene
 from uasthn_cli.synth.terrain import hills
 from uasthn_cli.synth.vegetation import forest, grow, scrub
 from uasthn_cli.types import BoolArray
-
-
-class LandscapeKind(StrEnum):
-    """What a landscape is mostly made of."""
-
-    MIXED = "mixed"
-    FARMS = "farms"
-    TOWN = "town"
-    FOREST = "forest"
-    DUNES = "dunes"
 
 
 def build_scene(
@@ -80,8 +70,10 @@ def _farms(scene: Scene) -> None:
         return
     open_ground(scene)
     _fields(scene, float(rng.uniform(0.75, 1.0)))
-    _woods_and_water(scene, wood=float(rng.choice([0.0, 0.06])), water=float(rng.choice([0, 0.05])))
+    wood, water = float(rng.choice([0.0, 0.06])), float(rng.choice([0.0, 0.05]))
+    wet = _woods_and_water(scene, wood=wood, water=water)
     _rural_roads(scene)
+    _dry(scene, wet)
     _farmsteads(scene, draw_roofs(scene), 1 + _count(scene, 2.0))
 
 
@@ -90,7 +82,8 @@ def _town(scene: Scene) -> None:
     rng = scene.rng
     open_ground(scene)
     _fields(scene, 0.4)
-    _woods_and_water(scene, wood=0.05, water=float(rng.choice([0.0, 0.04])))
+    wet = _woods_and_water(scene, wood=0.05, water=float(rng.choice([0.0, 0.04])))
+    _dry(scene, wet)
     crossing_roads(scene, 1 + int(rng.integers(2)))
     reach_m = 0.5 * max(scene.extent_m) * float(rng.uniform(0.6, 1.2))
     reach_m = min(reach_m, 900.0)

@@ -126,7 +126,7 @@ class Scene:
         """Add an empty overlay of a material on top of those that are there."""
         blank = np.zeros((2, *self.shape), dtype=np.uint8)
         colour = draw_colour(self.rng, self.climate, material)
-        if material is Material.TRACK and self.patches:
+        if material is Material.TRACK and self.climate is Climate.ARID:
             colour = self._worn(self.patches[0].colour)
         overlay = Overlay(material, colour, self.warmth_k(material), blank[0], blank[1])
         self.overlays.append(overlay)

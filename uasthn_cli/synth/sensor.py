@@ -7,52 +7,21 @@ count in high-resolution TLinear) and of 8-bit nadir night frames of HIT-UAV (gr
 levels); what is smaller than the grain by day is not on a night of little contrast.
 """
 
-from dataclasses import dataclass
-from enum import StrEnum
-
 import numpy as np
 from numpy.typing import NDArray
 
+from uasthn_cli.synth.flight_config import SensorConfig
+from uasthn_cli.synth.kinds import Gain
 from uasthn_cli.synth.noise import fractal_noise, smooth
 from uasthn_cli.types import ImageArray
+
+__all__ = ["KELVIN_PER_COUNT", "SensorConfig", "render_sensor"]
 
 KELVIN_PER_COUNT = 0.04
 """Radiometric scale of the 16-bit output (FLIR TLinear, high resolution)."""
 
 _HISTOGRAM_BINS = 1024
-
-
-class Gain(StrEnum):
-    """How temperatures become grey levels."""
-
-    PLATEAU = "plateau"
-    """Histogram equalisation with clipped bins, the usual video output."""
-    PERCENTILE = "percentile"
-    """A straight line between two percentiles."""
-    RADIOMETRIC = "radiometric"
-    """14 bits in 16: kelvin over :data:`KELVIN_PER_COUNT`."""
-
-
-@dataclass(frozen=True, slots=True)
-class SensorConfig:
-    """One camera. ``pattern_seed`` fixes what stays the same from frame to frame.
-
-    ``blur_px`` is the deviation of the optics' and detector's spread; ``vignetting_k`` the
-    difference of corners and centre; ``least_span_k`` keeps gain control from blowing up noise;
-    ``plateau`` is the largest share of pixels one histogram bin may claim.
-    """
-
-    blur_px: float = 0.7
-    netd_k: float = 0.05
-    column_pattern_k: float = 0.015
-    row_pattern_k: float = 0.010
-    pixel_pattern_k: float = 0.015
-    vignetting_k: float = 0.25
-    dead_pixel_share: float = 2e-5
-    gain: Gain = Gain.PLATEAU
-    plateau: float = 0.006
-    least_span_k: float = 4.0
-    pattern_seed: int = 0
+_EQUALISED = 0.35
 
 
 def render_sensor(
@@ -119,7 +88,7 @@ def _stretched(signal: ImageArray, config: SensorConfig) -> NDArray[np.uint8]:
 
 
 def _plateau_equalised(signal: ImageArray, config: SensorConfig) -> NDArray[np.uint8]:
-    """Equalise the histogram, no bin counting more than the plateau, then half-way to linear."""
+    """Equalise the histogram, no bin counting more than the plateau, mixed with a straight line."""
     low, high = _span_k(signal, config, 0.1)
     scale = (_HISTOGRAM_BINS - 1) / (high - low)
     bins = np.clip((signal - low) * scale, 0, _HISTOGRAM_BINS - 1).astype(np.int32)
@@ -127,6 +96,8 @@ def _plateau_equalised(signal: ImageArray, config: SensorConfig) -> NDArray[np.u
     clipped = np.minimum(histogram, config.plateau * signal.size)
     equalised = np.cumsum(clipped) / max(1.0, float(clipped.sum()))
     linear = np.linspace(0.0, 1.0, _HISTOGRAM_BINS)
-    table = np.round(255.0 * (0.5 * equalised + 0.5 * linear)).astype(np.uint8)
+    table = np.round(255.0 * (_EQUALISED * equalised + (1.0 - _EQUALISED) * linear)).astype(
+        np.uint8
+    )
     levels: NDArray[np.uint8] = table[bins]
     return levels

@@ -6,8 +6,7 @@ that drifts over minutes, a yaw bias and a height bias.
 """
 
 import math
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -19,15 +18,6 @@ SAMPLE_INTERVAL_S = 0.05
 _GRAVITY_M_S2 = 9.81
 _STEP_M = 1.0
 _LARGEST_BANK_RAD = math.radians(35.0)
-
-
-class Route(StrEnum):
-    """The shape of the ground track."""
-
-    SURVEY = "survey"
-    """Parallel lanes, turned round at either end (a lawn mower)."""
-    TRACK = "track"
-    """Long straights joined by wide turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +66,11 @@ class Trajectory:
             )
         )
         return Pose(east, north, height, Attitude(roll, pitch, yaw))
+
+    def until(self, time_s: float) -> "Trajectory":
+        """Return the part of the flight up to a time."""
+        count = int(np.searchsorted(self.times_s, time_s, side="right"))
+        return Trajectory(*(getattr(self, part.name)[:count] for part in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)
