@@ -19,6 +19,7 @@ UNEXPECTED_EXIT_CODE: Final = 1
 COMMANDS: Final = {
     "geotag": "uasthn_cli.commands.geotag:geotag",
     "report": "uasthn_cli.commands.report:report",
+    "demo": "uasthn_cli.commands.demo:demo",
     "synth": "uasthn_cli.commands.synth:synth",
     "cameras": "uasthn_cli.commands.cameras:cameras",
     "completion": "uasthn_cli.commands.completion:completion",
