@@ -6,7 +6,7 @@ import math
 import click
 
 
-@click.command()
+@click.command(short_help="List the cameras that --camera knows.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list.")
 def cameras(as_json: bool) -> None:
     """List the thermal cameras that --camera knows, and where each number comes from."""

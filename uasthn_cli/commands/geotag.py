@@ -44,7 +44,11 @@ Interrupted? Give the same command again: it goes on where it stopped.
 input_option = section_option("Input")
 
 
-@click.command(cls=SectionedCommand, epilog=_EXAMPLES)
+@click.command(
+    cls=SectionedCommand,
+    epilog=_EXAMPLES,
+    short_help="Find out where each frame was taken, and how sure that is.",
+)
 @click.argument("log_path", metavar="LOG", type=click.Path(path_type=Path))
 @click.argument("frames_path", metavar="FRAMES", type=click.Path(path_type=Path))
 @input_option(

@@ -31,7 +31,9 @@ figure_option = section_option("Figures")
 gate_option = section_option("Gates (exit code 4 when one is missed)")
 
 
-@click.command(cls=SectionedCommand, epilog=_EXAMPLES)
+@click.command(
+    cls=SectionedCommand, epilog=_EXAMPLES, short_help="Summarise and compare finished runs; gates."
+)
 @click.argument(
     "folders", metavar="DIR...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )

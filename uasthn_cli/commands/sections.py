@@ -28,6 +28,7 @@ class SectionedCommand(click.Command):
             if record is not None and isinstance(parameter, click.Option):
                 section = getattr(parameter, "section", _OTHER)
                 sections.setdefault(section, []).append(record)
+        sections[_OTHER] = sections.pop(_OTHER)  # --help and its like come last
         for section, records in sections.items():
             with formatter.section(section):
                 formatter.write_dl(records)

@@ -31,7 +31,9 @@ log_option = section_option("Log: what the GPS and the compass get wrong")
 output_option = section_option("Output")
 
 
-@click.command(cls=SectionedCommand, epilog=_EXAMPLES)
+@click.command(
+    cls=SectionedCommand, epilog=_EXAMPLES, short_help="Render a flight over a made-up place."
+)
 @click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
 @place_option(
     "--seed",
