@@ -1,6 +1,7 @@
 """The frames on disk: which there are, and their pixels."""
 
 import re
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -102,7 +103,8 @@ def _opened(path: Path) -> Iterator[Image.Image]:
     try:
         if path.stat().st_size == 0:
             raise UnreadableFrameError("empty file (0 bytes)")
-        with Image.open(path) as image:
+        # Pillow's warnings about metadata are noise: what matters becomes the frame's row.
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
             if image.format not in _FORMATS:
                 raise UnreadableFrameError(f"{image.format} image; PNG, JPEG and TIFF are read")
             yield image

@@ -93,15 +93,17 @@ def make_track(what: str, clock: Clock, stamps: Stamps, values: Sequence[FloatAr
 
 
 def _bracket(segment: Segment, time_s: float, max_gap_s: float) -> Bracket | None:
-    times_s = segment.times_s
-    if len(times_s) < 2 or not times_s[0] <= time_s <= times_s[-1]:
+    times_s, values = segment.times_s, segment.values
+    after = int(np.searchsorted(times_s, time_s))
+    if after < len(times_s) and times_s[after] == time_s:
+        return Bracket(values[after], values[after], 0.0)
+    if after in {0, len(times_s)}:
         return None
-    after = max(1, int(np.searchsorted(times_s, time_s)))
     gap_s = float(times_s[after] - times_s[after - 1])
     if gap_s > max_gap_s:
         return None
     fraction = float(time_s - times_s[after - 1]) / gap_s
-    return Bracket(segment.values[after - 1], segment.values[after], fraction)
+    return Bracket(values[after - 1], values[after], fraction)
 
 
 def linear(bracket: Bracket) -> FloatArray:
