@@ -78,9 +78,7 @@ def open_source(path: Path, overview_level: int | None = None) -> MapSource:
         level = {} if overview_level is None else {"overview_level": overview_level}
         dataset = rasterio.open(path, **level)
         if dataset.count == 0:
-            raise MapUnreadableError(
-                f"{path}: holds no image but {len(dataset.subdatasets)} others"
-            )
+            raise MapUnreadableError(_several_images(dataset, path))
         place = _georeference(dataset, path)
         if ColorInterp.palette in dataset.colorinterp:
             expanded = rasterio.open(_palette_vrt(dataset, place, path, overview_level))
@@ -104,27 +102,35 @@ def warp(
     concerned, so nothing aliases. ``crs`` is the grid's CRS and ``pixel_m`` the metres ``(2, 2)``
     per map pixel, which fixes that width for the whole flight (GDAL would guess it per piece).
     """
-    count = len(source.colour_bands)
-    planes = np.zeros((count + 1, box.height_px, box.width_px), dtype=np.float32)
+    bands = source.colour_bands
+    # rasterio writes band k of the source into plane k of the target, whatever the order asked for
+    planes = np.zeros((max(bands) + 1, box.height_px, box.width_px), dtype=np.float32)
     west, north, _, _ = box_corner_transform(grid, box)
     scale_x, scale_y = np.linalg.norm(pixel_m, axis=0) / grid.gsd_m
     reproject(
-        rasterio.band(source.dataset, list(source.colour_bands)),
+        rasterio.band(source.dataset, list(bands)),
         planes,
         dst_transform=Affine(grid.gsd_m, 0.0, west, 0.0, -grid.gsd_m, north),
         dst_crs=crs,
         dst_nodata=0,
         src_alpha=source.alpha_band,
-        dst_alpha=count + 1,
+        dst_alpha=len(planes),
         resampling=Resampling.bilinear,
         warp_mem_limit=_WARP_MEMORY_MB,
         tolerance=_WARP_TOLERANCE_PX,
         XSCALE=scale_x,
         YSCALE=scale_y,
     )
-    raw = np.moveaxis(planes[:-1], 0, -1)
+    raw = np.stack([planes[band - 1] for band in bands], axis=-1)
     valid = (planes[-1] > _HALF_COVERED) & np.isfinite(raw).all(axis=-1)
     return raw, valid
+
+
+def _several_images(dataset: rasterio.DatasetReader, path: Path) -> str:
+    """Return what to say of a container that GDAL opens without showing one image."""
+    inside = dataset.subdatasets
+    extract = f"; extract one: gdal_translate {inside[0]} OUT.tif" if inside else ""
+    return f"{path}: the map is a container of {len(inside)} images, not an image{extract}"
 
 
 def _georeference(dataset: rasterio.DatasetReader, path: Path) -> Georeference:
@@ -185,15 +191,16 @@ def _palette_vrt(
     for number, colour in enumerate(("Red", "Green", "Blue", "Alpha"), start=1):
         band = ElementTree.SubElement(root, "VRTRasterBand", dataType="Byte", band=str(number))
         ElementTree.SubElement(band, "ColorInterp").text = colour
-        is_mask = colour == "Alpha"
-        piece = ElementTree.SubElement(band, "SimpleSource" if is_mask else "ComplexSource")
+        # a SimpleSource would do for the mask, but GDAL 3.10 warps it as if all were valid
+        piece = ElementTree.SubElement(band, "ComplexSource")
         name = ElementTree.SubElement(piece, "SourceFilename", relativeToVRT="0")
         name.text = str(path.resolve())
         if overview_level is not None:
             options = ElementTree.SubElement(piece, "OpenOptions")
             ElementTree.SubElement(options, "OOI", key="OVERVIEW_LEVEL").text = str(overview_level)
-        source_band = f"mask,{palette_band}" if is_mask else str(palette_band)
-        ElementTree.SubElement(piece, "SourceBand").text = source_band
-        if not is_mask:
+        if colour == "Alpha":
+            ElementTree.SubElement(piece, "SourceBand").text = f"mask,{palette_band}"
+        else:
+            ElementTree.SubElement(piece, "SourceBand").text = str(palette_band)
             ElementTree.SubElement(piece, "ColorTableComponent").text = str(number)
     return ElementTree.tostring(root, encoding="unicode")
