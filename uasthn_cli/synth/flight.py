@@ -14,27 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.errors import OutputError, SyntheticFlightError
-from uasthn_cli.geometry.camera import focal_from_hfov_px, homography_frame_ground
 from uasthn_cli.geometry.corners import image_corners_px, transform_points
 from uasthn_cli.geometry.geodesy import LocalFrame
+from uasthn_cli.synth.exposures import (
+    Exposure,
+    Stream,
+    camera_of,
+    plan_exposures,
+    random_stream,
+)
 from uasthn_cli.synth.flight_config import FlightConfig
 from uasthn_cli.synth.flight_log import LogBook
-from uasthn_cli.synth.kinds import Route
 from uasthn_cli.synth.landscape import render_landscape
 from uasthn_cli.synth.map_raster import Ground, write_map
 from uasthn_cli.synth.noise import smooth
 from uasthn_cli.synth.sensor import render_sensor
-from uasthn_cli.synth.trajectory import (
-    Aircraft,
-    Pose,
-    Trajectory,
-    exposure_times_s,
-    fly,
-    free_track,
-    navigation_error,
-    survey_track,
-)
-from uasthn_cli.types import CameraModel, FloatArray, ImageArray
+from uasthn_cli.synth.trajectory import Trajectory, navigation_error
+from uasthn_cli.types import ImageArray
 
 TRUTH_COLUMNS = (
     *("frame", "lat", "lon", "center_lat", "center_lon", "unix_time_s", "agl_m"),
@@ -43,9 +39,6 @@ TRUTH_COLUMNS = (
 
 _MARGIN_M = 60.0
 _MOST_PIXELS = 60_000_000
-_LOG_TAIL_S = 3.0
-_TRACK, _WIND, _AIR, _GPS, _LOG, _CAMERA = range(1, 7)
-"""Streams of random numbers, so that one choice does not reshuffle the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,16 +49,6 @@ class RenderedFlight:
     frames: Path
     log: Path
     truth: Path
-
-
-@dataclass(frozen=True, slots=True)
-class Exposure:
-    """One frame's name, UTC time, true pose, and homography from frame pixels to local metres."""
-
-    name: str
-    time_utc_s: float
-    pose: Pose
-    H_frame_ground: FloatArray
 
 
 def render_flight(
@@ -95,44 +78,6 @@ def render_flight(
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     return RenderedFlight(out / "map.tif", out / "frames", out / "flight.tlog", out / "truth.csv")
-
-
-def camera_of(config: FlightConfig) -> CameraModel:
-    """Return the flight's pinhole camera, image top to the nose."""
-    focal_px = focal_from_hfov_px(config.frame_width_px, config.hfov_deg)
-    return CameraModel(
-        width_px=config.frame_width_px,
-        height_px=config.frame_height_px,
-        focal_x_px=focal_px,
-        focal_y_px=focal_px,
-        principal_x_px=(config.frame_width_px - 1) / 2.0,
-        principal_y_px=(config.frame_height_px - 1) / 2.0,
-    )
-
-
-def plan_exposures(config: FlightConfig) -> tuple[Trajectory, list[Exposure]]:
-    """Fly the route; return the true motion until just after the last exposure, and exposures.
-
-    Raises:
-        SyntheticFlightError: the aircraft never flies level for long enough.
-    """
-    spacing_m = (1.0 - config.overlap) * config.footprint_m[1]
-    aircraft = Aircraft(
-        config.airspeed_m_s,
-        config.wind_m_s,
-        float(_stream(config, _WIND).uniform(0.0, 2.0 * math.pi)),
-        config.height_m,
-    )
-    track_m = _ground_track(config, spacing_m)
-    trajectory = fly(_stream(config, _AIR), track_m, aircraft)
-    tilt_rad = math.radians(config.largest_tilt_deg)
-    times_s = exposure_times_s(trajectory, spacing_m, tilt_rad)[: config.frames]
-    if len(times_s) < config.frames:
-        raise SyntheticFlightError(
-            f"only {len(times_s)} of {config.frames} exposures are level enough; allow more tilt"
-        )
-    exposures = [_exposure(config, trajectory, float(time_s)) for time_s in times_s]
-    return trajectory.until(float(times_s[-1]) + _LOG_TAIL_S), exposures
 
 
 def frame_image(
@@ -200,33 +145,12 @@ def _render_into(
     size_px = (config.frame_width_px, config.frame_height_px)
     for index, exposure in enumerate(exposures):
         seen = frame_image(temperature, ground, exposure, size_px)
-        frame = render_sensor(seen, _stream(config, _CAMERA, index), config.sensor)
+        frame = render_sensor(seen, random_stream(config, Stream.CAMERA, index), config.sensor)
         _write_png(folder / "frames" / exposure.name, frame)
         if on_frame is not None:
             on_frame(index + 1)
     _write_truth(folder / "truth.csv", config, ground.frame, exposures)
     _write_log(folder / "flight.tlog", config, ground.frame, trajectory, exposures)
-
-
-def _ground_track(config: FlightConfig, spacing_m: float) -> FloatArray:
-    """Return the ground track ``(n, 2)``: lanes that make a square, or a free track."""
-    rng = _stream(config, _TRACK)
-    heading_rad = float(rng.uniform(0.0, 2.0 * math.pi))
-    if config.route is Route.TRACK:
-        return free_track(rng, 200.0 + 2.0 * config.frames * spacing_m, heading_rad)
-    lane_spacing_m = max((1.0 - config.overlap) * config.footprint_m[0], 20.0)
-    lanes = max(1, round(math.sqrt(config.frames * spacing_m / lane_spacing_m)))
-    lane_m = math.ceil(config.frames / lanes) * spacing_m + 0.05 * lane_spacing_m
-    return survey_track(lane_m, lanes + 3, lane_spacing_m, heading_rad)
-
-
-def _exposure(config: FlightConfig, trajectory: Trajectory, time_s: float) -> Exposure:
-    """Return the exposure at a time of the flight."""
-    pose = trajectory.at(time_s)
-    time_utc_s = round(config.start_utc_s + time_s, 3)
-    below = np.array([[1.0, 0.0, pose.east_m], [0.0, 1.0, pose.north_m], [0.0, 0.0, 1.0]])
-    H = below @ homography_frame_ground(camera_of(config), pose.attitude, pose.height_m)
-    return Exposure(f"frame_{round(time_utc_s * 1000)}.png", time_utc_s, pose, H)
 
 
 def _write_truth(
@@ -259,13 +183,13 @@ def _write_log(
 ) -> None:
     """Write what the vehicle believed it did."""
     error = navigation_error(
-        _stream(config, _GPS),
+        random_stream(config, Stream.GPS),
         len(trajectory.times_s),
         drift_m=config.drift_m,
         yaw_bias_rad=math.radians(config.yaw_bias_deg),
         height_bias=config.height_bias,
     )
-    book = LogBook(_stream(config, _LOG), place, trajectory, error, config.start_utc_s)
+    book = LogBook(random_stream(config, Stream.LOG), place, trajectory, error, config.start_utc_s)
     times_s = np.array([exposure.time_utc_s - config.start_utc_s for exposure in exposures])
     book.write(path, times_s if config.camera_messages else times_s[:0])
 
@@ -274,11 +198,6 @@ def _write_png(path: Path, frame: NDArray[np.uint8] | NDArray[np.uint16]) -> Non
     """Write one frame, 8 or 16 bits."""
     _, encoded = cv2.imencode(".png", frame)
     path.write_bytes(encoded.tobytes())
-
-
-def _stream(config: FlightConfig, *key: int) -> np.random.Generator:
-    """Return the random numbers of one purpose."""
-    return np.random.default_rng((config.seed, *key))
 
 
 def _check_target(out: Path, overwrite: bool) -> None:

@@ -1,0 +1,57 @@
+"""``uasthn synth`` from the command line."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from uasthn_cli.commands.main import main
+from uasthn_cli.commands.synth import synth
+from uasthn_cli.errors import OutputError, SyntheticFlightError
+
+SMALL = ("--frames", "2", "--frame-size", "96", "64", "--height-m", "60", "--drift-m", "10")
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(synth, [str(argument) for argument in arguments])
+
+
+def test_a_flight_is_rendered_and_its_path_printed(tmp_path: Path) -> None:
+    out = tmp_path / "flight"
+    result = run(out, *SMALL, "--kind", "dunes", "--seed", "3")
+    assert result.exit_code == 0
+    assert result.stdout == f"{out}\n"
+    assert f"--map {out / 'map.tif'} --hfov 45" in result.stderr
+    assert {path.name for path in out.iterdir()} == {
+        "map.tif",
+        "frames",
+        "flight.tlog",
+        "truth.csv",
+    }
+    assert len(list((out / "frames").glob("frame_*.png"))) == 2
+
+
+def test_an_existing_flight_needs_overwrite(tmp_path: Path) -> None:
+    out = tmp_path / "flight"
+    run(out, *SMALL)
+    refused = run(out, *SMALL)
+    assert isinstance(refused.exception, OutputError)
+    assert run(out, *SMALL, "--overwrite").exit_code == 0
+
+
+def test_an_impossible_flight_ends_with_its_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["synth", str(tmp_path / "flight"), *SMALL, "--crs", "EPSG:1"])
+    assert ended.value.code == SyntheticFlightError.exit_code
+    message = capsys.readouterr().err.strip().splitlines()[-1]
+    assert message.startswith("uasthn: error: cannot write a map in EPSG:1")
+
+
+@pytest.mark.parametrize("wrong", [("--kind", "moon"), ("--overlap", "1.5"), ("--frames", "0")])
+def test_wrong_values_are_refused_before_rendering(wrong: tuple[str, str], tmp_path: Path) -> None:
+    result = run(tmp_path / "flight", *wrong)
+    assert result.exit_code == 2
+    assert wrong[0] in result.stderr
+    assert list(tmp_path.iterdir()) == []
