@@ -168,6 +168,9 @@ def test_local_times_move_into_the_log_by_whole_zones_only() -> None:
     assert in_zone_of_log(zoned, spans) == zoned
     already = FrameTimes(tuple(TIMES_S), "name", "names", is_local=True)
     assert in_zone_of_log(already, spans) == already
+    half = FrameTimes(tuple(t + 3600.0 for t in TIMES_S), "name", "names", is_local=True)
+    long_log = [(START_UTC_S - 1800.0, TIMES_S[4] + 3600.0)]
+    assert in_zone_of_log(half, long_log).times_s == pytest.approx(TIMES_S)
     elsewhere = FrameTimes(tuple(t + 86_400.0 * 9 for t in TIMES_S), "name", "n", is_local=True)
     assert in_zone_of_log(elsewhere, spans) == elsewhere
 

@@ -1,6 +1,7 @@
 """Listing frames and reading their pixels, whole and damaged."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,10 +22,17 @@ from uasthn_cli.ingest.frames import (
 WIDTH_PX, HEIGHT_PX = 40, 24
 
 
-def gradient(dtype: type, top: float, channels: int = 1) -> NDArray[np.generic]:
+Pixels = NDArray[np.integer[Any] | np.floating[Any]]
+
+
+def gradient(
+    dtype: type[np.uint8 | np.uint16 | np.float32], top: float, channels: int = 1
+) -> Pixels:
     """Return an image that rises from left to right, the same in each channel."""
     row = np.linspace(0.0, top, WIDTH_PX)
-    image = np.repeat(np.tile(row, (HEIGHT_PX, 1))[..., None], channels, axis=2).astype(dtype)
+    image: Pixels = np.repeat(np.tile(row, (HEIGHT_PX, 1))[..., None], channels, axis=2).astype(
+        dtype
+    )
     return image[..., 0] if channels == 1 else image
 
 
@@ -125,7 +133,7 @@ def test_truncation_is_noticed_or_harmless(
     tmp_path_factory: pytest.TempPathFactory, suffix: str, deep: bool, data: st.DataObject
 ) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (HEIGHT_PX, WIDTH_PX))
-    pixels = noise.astype(np.uint16 if deep and suffix != ".jpg" else np.uint8)
+    pixels: Pixels = noise.astype(np.uint16 if deep and suffix != ".jpg" else np.uint8)
     _, encoded = cv2.imencode(suffix, pixels)
     content = encoded.tobytes()
     path = tmp_path_factory.getbasetemp() / f"cut{suffix}"

@@ -101,6 +101,21 @@ def test_a_reboot_starts_a_session_and_a_late_packet_does_not(tmp_path: Path) ->
     )
 
 
+def test_a_ground_station_clock_that_is_set_in_flight(tmp_path: Path) -> None:
+    """A computer without a battery-backed clock starts in 1970 and learns the time by network."""
+    wrong = FlightPlan(duration_s=20.0, record_error_s=500.0 - START_UTC_S, delay_s=0.5)
+    right = FlightPlan(START_UTC_S + 20.0, 40.0, 60.0, delay_s=0.5)
+    telemetry = flight_telemetry(tmp_path, wrong, right)
+    sessions = find_sessions(telemetry)
+    assert len(sessions) == 2
+    record_s = Clock(TimeBase.RECORD, sessions).utc_s(telemetry.positions.stamps)
+    true_s = START_UTC_S + 0.2 * np.arange(300)
+    np.testing.assert_allclose(record_s[100:], true_s[100:] + 0.25, atol=0.06)
+    np.testing.assert_allclose(record_s[:100], true_s[:100] + 500.25 - START_UTC_S, atol=0.06)
+    vehicle_s = Clock(TimeBase.VEHICLE, sessions).utc_s(telemetry.positions.stamps)
+    np.testing.assert_allclose(vehicle_s, true_s, atol=1e-3)
+
+
 def test_bursts_of_the_radio_do_not_move_the_record_clock(tmp_path: Path) -> None:
     telemetry = flight_telemetry(tmp_path, FlightPlan(delay_s=0.8, system_time_error_s=None))
     stamps = telemetry.positions.stamps

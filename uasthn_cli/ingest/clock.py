@@ -10,6 +10,7 @@ median delay of the ground station's stamps.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from uasthn_cli.config import TimeBase
 from uasthn_cli.ingest.telemetry import IntArray, Stamps, Telemetry
@@ -18,13 +19,18 @@ from uasthn_cli.types import FloatArray
 _REBOOT_STEP_S = 5.0
 """Time since boot that falls by more than this means a reboot; less is packets out of order."""
 
+_CLOCK_STEP_S = 30.0
+_STEP_MESSAGES = 31
+"""The record clock was set if its lead over boot time changes by more than ``_CLOCK_STEP_S`` for
+half as many messages; radios do not hold packets back for so long."""
+
 _OFFSET_WINDOW_S = 60.0
 """Length over which a median delay is taken: long against bursts, short against drift."""
 
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One run of the vehicle's clock, from a boot to the next.
+    """One run of both clocks: between two boots, or between two settings of the record clock.
 
     ``knots_boot_s`` and ``record_offset_s`` ``(k,)`` hold the median of record time minus boot time
     along the session (empty if no message carried boot times). ``vehicle_offset_s`` is the median
@@ -89,7 +95,7 @@ class Clock:
 
 
 def find_sessions(telemetry: Telemetry) -> tuple[Session, ...]:
-    """Split a log where the vehicle rebooted and fit both clocks to each part."""
+    """Split a log where the vehicle rebooted or the record clock was set, and fit each part."""
     families = (telemetry.positions, telemetry.attitudes, telemetry.system_times)
     order = np.concatenate([family.stamps.order for family in families])
     record_s = np.concatenate([family.stamps.record_s for family in families])
@@ -97,7 +103,7 @@ def find_sessions(telemetry: Telemetry) -> tuple[Session, ...]:
     has_boot = np.isfinite(boot_s)
     by_order = np.argsort(order[has_boot], kind="stable")
     order, record_s, boot_s = (a[has_boot][by_order] for a in (order, record_s, boot_s))
-    starts = [0, *_reboots(boot_s)]
+    starts = _starts(boot_s, record_s)
     firsts = [0, *(int(order[start]) for start in starts[1:])]
     sessions = []
     for number, (start, first) in enumerate(zip(starts, firsts, strict=True)):
@@ -106,6 +112,18 @@ def find_sessions(telemetry: Telemetry) -> tuple[Session, ...]:
         knots, offsets = _median_offsets(boot_s[start:end], record_s[start:end])
         sessions.append(Session(first, knots, offsets, *_vehicle_offset(telemetry, first, limit)))
     return tuple(sessions)
+
+
+def _starts(boot_s: FloatArray, record_s: FloatArray) -> list[int]:
+    """Return where sessions start, in messages ``(n,)`` in the order of the file."""
+    starts = []
+    boots = [0, *_reboots(boot_s)]
+    for start, end in zip(boots, [*boots[1:], len(boot_s)], strict=True):
+        lead_s = record_s[start:end] - boot_s[start:end]
+        usual_s = median_filter(lead_s, size=_STEP_MESSAGES, mode="nearest")
+        steps = np.flatnonzero(np.abs(np.diff(usual_s)) > _CLOCK_STEP_S) + 1
+        starts += [start, *(start + int(step) for step in steps)]
+    return starts
 
 
 def _reboots(boot_s: FloatArray) -> list[int]:

@@ -23,6 +23,9 @@ _log = logging.getLogger(__name__)
 _MIN_SHARE = 0.5
 """A source is believed if it dates at least this share of the frames."""
 
+_TELLING_SHARE = 0.25
+"""A time zone is inferred if it brings at least this share of the frames more into the log."""
+
 _ZONES_H: Final = (
     *range(-12, 15), -9.5, -3.5, 3.5, 4.5, 5.5, 5.75, 6.5, 8.75, 9.5, 10.5, 12.75,
 )  # fmt: skip
@@ -111,20 +114,23 @@ def with_camera_messages(
 
 
 def in_zone_of_log(stated: FrameTimes, spans: Sequence[Span], offset_s: float = 0.0) -> FrameTimes:
-    """Move times stated without a zone by a whole zone if only so they fall into the log.
+    """Move times stated without a zone by the zone by which they fall into the log, if one does.
 
     ``spans`` are first and last times of the log by either clock; ``offset_s`` will be added to
     the frames' times later.
     """
     known_s = np.array(stated.known_s) + offset_s
-    if not stated.is_local or not len(known_s) or covered_share(known_s, spans) > 0.0:
+    if not stated.is_local or not len(known_s):
         return stated
     zones = sorted(_ZONES_H, key=abs)
     shares = [covered_share(known_s - zone_h * 3600.0, spans) for zone_h in zones]
-    if max(shares) < _MIN_SHARE:
+    as_utc = shares[zones.index(0)]
+    if max(shares) < _MIN_SHARE or max(shares) - as_utc < _TELLING_SHARE:
         return stated
     zone_h = zones[int(np.argmax(shares))]
-    _log.warning("frame times are read as UTC%+g: only so do they fall into the log", zone_h)
+    _log.warning(
+        "frame times are read as local time of UTC%+g h: so they fall into the log", zone_h
+    )
     return replace(
         stated,
         times_s=tuple(None if t is None else t - zone_h * 3600.0 for t in stated.times_s),

@@ -207,8 +207,9 @@ def _camera_events(name: str, rows: list[_Row]) -> CameraEvents:
 
 def _gimbal(rows: _Rows, vehicle: _Vehicle) -> GimbalAttitudes | None:
     for name in _GIMBAL_MESSAGES:
-        found = _of_system(rows, name, vehicle)
-        if found:
+        senders = [own for sender, own in rows[name].items() if sender[0] == vehicle[0]]
+        if senders:
+            found = max(senders, key=len)
             columns = _columns(found, 5)
             return GimbalAttitudes(_stamps(found), columns[:4].T, columns[4] > 0.5, name)
     return None
