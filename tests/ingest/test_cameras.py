@@ -11,7 +11,13 @@ from PIL import Image
 
 from uasthn_cli.errors import CameraError
 from uasthn_cli.ingest.camera_table import find_camera
-from uasthn_cli.ingest.cameras import CAMERAS, CameraSpec, FrameSizeError, NamedCamera
+from uasthn_cli.ingest.cameras import (
+    CAMERAS,
+    CameraSpec,
+    FocalLengthUnknownError,
+    FrameSizeError,
+    NamedCamera,
+)
 from uasthn_cli.ingest.exif import ExifFacts, read_exif
 
 NOMINAL_HFOV_DEG = {
@@ -117,5 +123,5 @@ def test_contradictions_are_named(fields: dict[str, object], words: str) -> None
 def test_nothing_known_says_what_to_give() -> None:
     with pytest.raises(CameraError, match="--hfov"):
         CameraSpec().model(640, 512)
-    with pytest.raises(CameraError, match="--camera"):
+    with pytest.raises(FocalLengthUnknownError, match="--camera"):
         CameraSpec().model_of_frame(Path("nowhere.jpg"), 640, 512)

@@ -18,8 +18,11 @@ from simple_flight_log import (
     write_position,
 )
 
+from uasthn_cli.config import PriorConfig
 from uasthn_cli.errors import LogUnreadableError, NoPositionError, OutputError, UasthnError
 from uasthn_cli.ingest.mavlink import TlogWriter, read_telemetry
+from uasthn_cli.ingest.priors import build_priors
+from uasthn_cli.types import FrameFile
 
 
 @pytest.fixture(scope="module")
@@ -196,12 +199,15 @@ def test_damage_never_raises_anything_but_a_clear_error(
             content[place] = value
     path = tmp_path_factory.getbasetemp() / "damaged.tlog"
     path.write_bytes(bytes(content))
+    frame = FrameFile(f"{round((START_UTC_S + 4.0) * 1000)}.png", path)
     try:
         telemetry = read_telemetry(path)
+        (result,) = build_priors(telemetry, [frame], config=PriorConfig()).results
     except UasthnError as error:
         assert "\n" not in str(error)
     else:
         assert 1 <= len(telemetry.positions.stamps) <= 40
+        assert result.frame == frame
 
 
 @given(place=st.integers(0, 3000), length=st.integers(1, 40))

@@ -19,7 +19,7 @@ from uasthn_cli.ingest.exif import ExifFacts, read_exif
 from uasthn_cli.ingest.frames import UnreadableFrameError
 from uasthn_cli.types import CameraModel
 
-__all__ = ["CAMERAS", "CameraSpec", "FrameSizeError", "NamedCamera"]
+__all__ = ["CAMERAS", "CameraSpec", "FocalLengthUnknownError", "FrameSizeError", "NamedCamera"]
 
 _log = logging.getLogger(__name__)
 
@@ -30,6 +30,10 @@ _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 class FrameSizeError(UnreadableFrameError):
     """A frame's shape is not the camera's, so that its field of view is unknown."""
+
+
+class FocalLengthUnknownError(UnreadableFrameError):
+    """A frame's EXIF was to tell the focal length and does not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +100,14 @@ class CameraSpec:
         """Return the pinhole model for one frame, whose EXIF is read if nothing else is given.
 
         Raises:
-            CameraError: neither the description nor the frame's EXIF tells a focal length.
+            FocalLengthUnknownError: neither the description nor the frame's EXIF tells one.
             FrameSizeError: the frame has not the shape of the named camera's array.
         """
         needs_exif = self.hfov_deg is None and self.focal_mm is None and self.name is None
-        return self.model(width_px, height_px, read_exif(path) if needs_exif else None)
+        try:
+            return self.model(width_px, height_px, read_exif(path) if needs_exif else None)
+        except CameraError as error:
+            raise FocalLengthUnknownError(str(error)) from error
 
     def _focal_px(self, width_px: int, height_px: int, exif: ExifFacts) -> float:
         if self.hfov_deg is not None:

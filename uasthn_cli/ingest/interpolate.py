@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from uasthn_cli.ingest.clock import Clock
 from uasthn_cli.ingest.telemetry import Stamps
+from uasthn_cli.ingest.timestamps import duration_words
 from uasthn_cli.types import Attitude, FloatArray
 
 
@@ -70,13 +71,13 @@ class Track:
         spans = self.spans_s()
         first_s, last_s = min(s for s, _ in spans), max(e for _, e in spans)
         if time_s < first_s:
-            return f"{_duration(first_s - time_s)} before the log's first {self.what}"
+            return f"{duration_words(first_s - time_s)} before the log's first {self.what}"
         if time_s > last_s:
-            return f"{_duration(time_s - last_s)} after the log's last {self.what}"
+            return f"{duration_words(time_s - last_s)} after the log's last {self.what}"
         times_s = np.sort(np.concatenate([s.times_s for s in self.segments]))
         index = int(np.searchsorted(times_s, time_s))
         gap_s = times_s[index] - times_s[index - 1]
-        return f"in a gap of {_duration(gap_s)} between two {self.what}s (at most {max_gap_s:g} s)"
+        return f"in a gap of {duration_words(gap_s)} between two {self.what}s (at most {max_gap_s:g} s)"
 
 
 def make_track(what: str, clock: Clock, stamps: Stamps, values: Sequence[FloatArray]) -> Track:
@@ -137,11 +138,3 @@ def slerp_attitude(bracket: Bracket) -> Attitude:
 def _wrap_deg(angle_deg: float) -> float:
     """Return an angle in -180..180."""
     return float((angle_deg + 180.0) % 360.0 - 180.0)
-
-
-def _duration(seconds: float) -> str:
-    """Return a duration as people say it: a clock that is off by days shows at once."""
-    for limit, unit_s, unit in ((300, 1, "s"), (7200, 60, "min"), (172800, 3600, "h")):
-        if seconds < limit:
-            return f"{seconds / unit_s:.1f} {unit}"
-    return f"{seconds / 86400:.0f} days"

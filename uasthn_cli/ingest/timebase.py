@@ -19,6 +19,7 @@ from uasthn_cli.config import TimeBase
 from uasthn_cli.errors import FrameTimesError
 from uasthn_cli.ingest.clock import Clock, Session, find_sessions
 from uasthn_cli.ingest.telemetry import Telemetry
+from uasthn_cli.ingest.timestamps import duration_words
 from uasthn_cli.types import FloatArray
 
 _log = logging.getLogger(__name__)
@@ -160,13 +161,13 @@ def _decide(candidates: Sequence[_Candidate]) -> tuple[Clock, str]:
             f"vehicle clock: both agree within {apart_s:.2f} s, and it knows no radio delay"
         )
     _log.warning(
-        "the log's two clocks differ by up to %.1f s and the frames do not tell which is right; if"
+        "the log's two clocks differ by up to %s and the frames do not tell which is right; if"
         " results are off along the track, try --time-base record",
-        apart_s,
+        duration_words(apart_s),
     )
     return vehicle.clock, (
-        f"vehicle clock: the two differ by up to {apart_s:.1f} s, nothing tells which is right,"
-        " and this one comes from GPS"
+        f"vehicle clock: the two differ by up to {duration_words(apart_s)}, nothing tells which is"
+        " right, and this one comes from GPS"
     )
 
 

@@ -1,4 +1,4 @@
-"""Times written as text: in file names, in tables, in EXIF."""
+"""Times written as text: in file names, in tables, in EXIF; durations as words."""
 
 import re
 from dataclasses import dataclass
@@ -64,6 +64,14 @@ def parse_time(text: str) -> StatedTime | None:
     except ValueError:
         return None
     return _stated(moment)
+
+
+def duration_words(seconds: float) -> str:
+    """Return a duration as people say it: a clock that is off by days shows at once."""
+    for limit_s, unit_s, unit in ((300, 1, "s"), (7200, 60, "min"), (172_800, 3600, "h")):
+        if seconds < limit_s:
+            return f"{seconds / unit_s:.1f} {unit}"
+    return f"{seconds / 86_400:.0f} days"
 
 
 def _from_match(match: re.Match[str]) -> StatedTime | None:
