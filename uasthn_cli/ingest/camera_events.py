@@ -10,13 +10,15 @@ from uasthn_cli.ingest.clock import Clock
 from uasthn_cli.ingest.telemetry import CameraEvents, IntArray, Stamps
 from uasthn_cli.types import FloatArray, FrameFile
 
-_TOLERANCE_S = 0.75
-"""EXIF times may be cut to whole seconds: half a second either way, and some latency."""
+_FINE_TOLERANCE_S = 0.3
+_WHOLE_SECOND_TOLERANCE_S = 0.55
+"""How far a frame's own time strays from its message: by latency, or by EXIF's whole seconds."""
 
 _ZONE_STEP_S = 900.0
 """Time zones differ by multiples of a quarter of an hour."""
 
 _INTERVAL_SHARE = 0.45
+_EQUAL_SHARE = 0.1
 _COUNTER_TOLERANCE = 0.25
 _VOTERS = 500
 """Frames that vote on the common shift; more would cost memory and tell nothing new."""
@@ -65,7 +67,8 @@ def match_events(
     kept_s, sequence = times_s[distinct], events.sequence[distinct].astype(np.float64)
     numbers = np.array([_last_number(frame.name) for frame in frames])
     if stated_times_s is not None and np.isfinite(stated_times_s).any():
-        matched = _match_shifted(stated_times_s, kept_s, _time_tolerance_s(kept_s), _ZONE_STEP_S)
+        tolerance_s = _time_tolerance_s(stated_times_s, kept_s)
+        matched = _match_shifted(stated_times_s, kept_s, tolerance_s, _ZONE_STEP_S)
     elif np.isfinite(numbers).all() and len(np.unique(numbers)) == len(numbers):
         matched = _match_shifted(numbers, sequence, _COUNTER_TOLERANCE, None)
     elif len(frames) == len(distinct):
@@ -95,11 +98,14 @@ def _distinct(events: CameraEvents, times_s: FloatArray) -> IntArray:
     return np.array(kept, dtype=np.int64)
 
 
-def _time_tolerance_s(event_times_s: FloatArray) -> float:
+def _time_tolerance_s(stated_times_s: FloatArray, event_times_s: FloatArray) -> float:
     """Return how far a frame may be from its event, so that neighbours are not mistaken for it."""
+    known_s = stated_times_s[np.isfinite(stated_times_s)]
+    whole = bool((known_s == np.round(known_s)).all())
+    tolerance_s = _WHOLE_SECOND_TOLERANCE_S if whole else _FINE_TOLERANCE_S
     if len(event_times_s) < 2:
-        return _TOLERANCE_S
-    return min(_TOLERANCE_S, _INTERVAL_SHARE * float(np.median(np.diff(event_times_s))))
+        return tolerance_s
+    return min(tolerance_s, _INTERVAL_SHARE * float(np.median(np.diff(event_times_s))))
 
 
 def _match_shifted(
@@ -108,16 +114,18 @@ def _match_shifted(
     """Match values up to one common shift; return for each wanted value an index, -1 for none.
 
     The shift is where most differences ``wanted - offered`` agree within ``tolerance``. Among
-    equals it is the one nearest to zero, or to a multiple of ``period``.
+    equals the closest agreement wins, and among those (exposures at a steady pace) the shift
+    nearest to zero, or to a multiple of ``period``.
     """
     known = wanted[np.isfinite(wanted)]
     sample = known[:: max(1, len(known) // _VOTERS)]
     differences = np.sort((sample[:, None] - offered[None]).ravel())
-    starts = np.arange(len(differences))
     ends = np.searchsorted(differences, differences + 2.0 * tolerance, side="right")
-    best = np.flatnonzero(ends - starts == (ends - starts).max())
-    sums = np.concatenate([[0.0], np.cumsum(differences - differences[0])])
-    centres = differences[0] + (sums[ends[best]] - sums[best]) / (ends[best] - best)
+    votes = ends - np.arange(len(differences))
+    best = np.flatnonzero(votes == votes.max())
+    groups = differences[best[:, None] + np.arange(votes.max())]
+    centres, spreads = groups.mean(axis=1), groups.std(axis=1)
+    centres = centres[spreads <= spreads.min() + _EQUAL_SHARE * tolerance]
     remainder = centres if period is None else centres - period * np.round(centres / period)
     shift = float(centres[np.argmin(np.abs(remainder))])
     return _nearest(wanted - shift, offered, tolerance)

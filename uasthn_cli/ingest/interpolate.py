@@ -77,7 +77,8 @@ class Track:
         times_s = np.sort(np.concatenate([s.times_s for s in self.segments]))
         index = int(np.searchsorted(times_s, time_s))
         gap_s = times_s[index] - times_s[index - 1]
-        return f"in a gap of {duration_words(gap_s)} between two {self.what}s (at most {max_gap_s:g} s)"
+        gap = duration_words(gap_s)
+        return f"in a gap of {gap} between two {self.what}s (at most {max_gap_s:g} s)"
 
 
 def make_track(what: str, clock: Clock, stamps: Stamps, values: Sequence[FloatArray]) -> Track:
