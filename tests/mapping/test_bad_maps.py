@@ -103,16 +103,19 @@ def test_without_a_transform_the_map_has_no_place(
 
 
 @pytest.mark.parametrize(
-    ("crs", "says"),
+    ("crs", "step", "says"),
     [
-        ('LOCAL_CS["site grid",UNIT["metre",1]]', "not tied to the earth"),
-        ("EPSG:4326", "make no sense"),
+        ('LOCAL_CS["site grid",UNIT["metre",1]]', 2.0, "not tied to the earth"),
+        ("EPSG:4326", 2.0, "make no sense"),
+        ("EPSG:32614", 1e-8, "make no sense"),
+        ("EPSG:32614", 1e7, "make no sense"),
     ],
 )
 def test_a_crs_that_cannot_place_the_map_is_refused(
-    write_map: Any, frame: LocalFrame, crs: str, says: str
+    write_map: Any, frame: LocalFrame, crs: str, step: float, says: str
 ) -> None:
-    path = write_map(noise(24, 40), crs=crs, transform=Affine(2, 0, 420_000, 0, -2, 2_650_000))
+    transform = Affine(step, 0, 420_000, 0, -step, 2_650_000)
+    path = write_map(noise(24, 40), crs=crs, transform=transform)
     with pytest.raises(MapWithoutCrsError) as error:
         MapReader(path, frame, 2.0)
     assert says in one_line(error, path)

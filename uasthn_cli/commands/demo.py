@@ -21,7 +21,7 @@ What it ran, to try other settings on the same flight:
 """
 
 _TOLERANCE_M: Final = 25.0
-_FRAMES: Final = 40
+_FRAMES: Final = 24
 
 flight_option = section_option("Flight")
 
