@@ -74,7 +74,7 @@ def _stretched_noise(
 def _steepened(height_m: ImageArray, gsd_m: float, spacing_m: float, wind_rad: float) -> ImageArray:
     """Push high sand downwind until the lee side slips."""
     rise = float(height_m.std()) + 1e-6
-    push_px = 0.13 * spacing_m / gsd_m / rise
+    push_px = 0.15 * spacing_m / gsd_m / rise
     y, x = np.indices(height_m.shape, dtype=np.float32)
     c, s = math.cos(wind_rad), math.sin(wind_rad)
     moved = height_m

@@ -36,7 +36,8 @@ def fractal_noise(
     for _ in range(octaves - 1):
         amplitude *= roughness
         doubled = cv2.resize(field, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
-        field = np.asarray(doubled, dtype=np.float32)
+        # The blur takes the grain of the coarser grid out: cubic patches alone look like tiles.
+        field = np.asarray(cv2.GaussianBlur(doubled, (3, 3), 0.8), dtype=np.float32)
         field += amplitude * rng.standard_normal(field.shape, dtype=np.float32)
         field = _trimmed(field, height, width, spacing_px / 2 ** (octaves - 1))
     return standardised(_resampled(rng, field, shape, spacing_px / 2 ** (octaves - 1)))

@@ -18,12 +18,17 @@ PLANTS = (Material.CROWN, Material.SCRUB)
 
 @dataclass(frozen=True, slots=True)
 class Daylight:
-    """Sun and picture processing of one satellite image."""
+    """Sun and picture processing of one satellite image.
+
+    ``moisture_seen`` is how much of the ground's blotches is the soil's moisture, darkening it
+    where negative: the rest is there by day only.
+    """
 
     azimuth_rad: float
     elevation_rad: float
     relief_contrast: float
     haze: float
+    moisture_seen: float
     contrast: float
     tint: tuple[float, float, float]
     blur_px: float
@@ -38,6 +43,7 @@ def draw_daylight(rng: np.random.Generator) -> Daylight:
         elevation_rad=math.radians(rng.uniform(38.0, 65.0)),
         relief_contrast=float(rng.uniform(0.5, 1.0)),
         haze=float(rng.uniform(0.0, 0.10)),
+        moisture_seen=float(rng.uniform(-0.9, 0.3)),
         contrast=float(rng.uniform(0.85, 1.15)),
         tint=(float(tint[0]), float(tint[1]), float(tint[2])),
         blur_px=float(rng.uniform(0.45, 0.8)),
@@ -47,7 +53,7 @@ def draw_daylight(rng: np.random.Generator) -> Daylight:
 def satellite_image(scene: Scene, daylight: Daylight) -> NDArray[np.uint8]:
     """Return the scene's satellite image ``(h, w, 3)`` RGB."""
     image = _patch_colours(scene)
-    image *= (1.0 + _texture(scene))[..., None]
+    image *= (1.0 + _texture(scene, daylight))[..., None]
     _tint_ground(scene, image)
     leaves = leaf_texture(scene)
     for overlay in scene.overlays:
@@ -98,11 +104,13 @@ def _patch_colours(scene: Scene) -> ImageArray:
     return image
 
 
-def _texture(scene: Scene) -> ImageArray:
+def _texture(scene: Scene, daylight: Daylight) -> ImageArray:
     """Return relative brightness changes: grain and blotches by patch, rows."""
     mottle = np.array([patch.mottle for patch in scene.patches], dtype=np.float32)
     grain = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 6.0, roughness=0.8)
     blotches = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 110.0, roughness=0.6)
+    blotches *= np.float32(math.sqrt(1.0 - daylight.moisture_seen**2))
+    blotches += np.float32(daylight.moisture_seen) * scene.moisture
     texture: ImageArray = mottle[scene.day] * (0.5 * grain + blotches)
     return texture + row_stripes(scene, Date.DAY)
 

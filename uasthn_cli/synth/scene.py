@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.synth.materials import WARMTH, Climate, Colour, Material, draw_colour, draw_night
+from uasthn_cli.synth.noise import fractal_noise
 from uasthn_cli.types import BoolArray, FloatArray, ImageArray
 
 _SUBPIXEL_BITS = 4
@@ -69,7 +70,7 @@ class Scene:
     """Rasters ``(h, w)`` being filled in; ``day`` and ``night`` hold indices into ``patches``.
 
     ``ground_m`` is the bare ground, ``above_m`` the height of roofs and crowns over it on the
-    satellite's date.
+    satellite's date, ``moisture`` what the soil holds, of unit deviation.
     """
 
     gsd_m: float
@@ -77,6 +78,7 @@ class Scene:
     climate: Climate
     ground_m: ImageArray
     above_m: ImageArray
+    moisture: ImageArray
     day: NDArray[np.uint16]
     night: NDArray[np.uint16]
     night_warmth_k: dict[Material, float]
@@ -168,7 +170,10 @@ def new_scene(
     """Return an empty scene on flat ground; patch 0 (to be added first) covers all of it."""
     flat = np.zeros((2, *shape), dtype=np.float32)
     empty = np.zeros((2, *shape), dtype=np.uint16)
-    return Scene(gsd_m, rng, climate, flat[0], flat[1], empty[0], empty[1], draw_night(rng))
+    moisture = fractal_noise(rng, shape, gsd_m, float(rng.uniform(80.0, 200.0)), roughness=0.6)
+    return Scene(
+        gsd_m, rng, climate, flat[0], flat[1], moisture, empty[0], empty[1], draw_night(rng)
+    )
 
 
 def fill_ring(

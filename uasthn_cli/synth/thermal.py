@@ -2,8 +2,8 @@
 
 What the day leaves behind and what the night makes of it, in kelvin: materials by their thermal
 inertia and emissivity, slopes that faced the last sun, cold air in hollows, crests that cool to the
-open sky, soil moisture (which no colour shows), and slow gradients. None of these but the first
-shares its pixels with the colour image, and the first only through the material.
+open sky, soil moisture (which colours show in part), and slow gradients. The colour image shares
+the causes, not the values: no function of a pixel's colour gives its temperature.
 """
 
 import math
@@ -39,13 +39,13 @@ def draw_night_sky(rng: np.random.Generator) -> Night:
     return Night(
         air_k=float(rng.uniform(278.0, 300.0)),
         last_sun_azimuth_rad=math.radians(float(rng.uniform(240.0, 300.0))),
-        last_sun_k=float(rng.uniform(0.8, 4.0)),
+        last_sun_k=float(rng.uniform(1.2, 4.5)),
         cold_pool_k_per_m=float(rng.uniform(0.02, 0.25)),
         open_sky_k_per_m=float(rng.normal(0.0, 0.5)),
         steep_k=float(rng.normal(-0.8, 1.0)),
         moisture_k=float(rng.uniform(0.1, 0.5)),
         grain_k=float(rng.uniform(0.03, 0.12)),
-        gradient_k=float(rng.uniform(0.1, 0.6)),
+        gradient_k=float(rng.uniform(0.05, 0.4)),
         row_k=float(rng.normal(0.0, 5.0)),
     )
 
@@ -71,9 +71,8 @@ def night_temperature(scene: Scene, night: Night) -> ImageArray:
 
 def _grain(scene: Scene, night: Night) -> ImageArray:
     """Return moisture and roughness of the ground in kelvin."""
-    moisture = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 140.0, roughness=0.6)
     grain = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 5.0, roughness=0.8)
-    return night.moisture_k * moisture + night.grain_k * grain
+    return night.moisture_k * scene.moisture + night.grain_k * grain
 
 
 def _relief(scene: Scene, night: Night) -> ImageArray:
