@@ -75,12 +75,9 @@ def test_camera_messages_come_before_names(tmp_path: Path) -> None:
     expected = [t for k, t in enumerate(TIMES_S) if k not in (2, 7)]
     assert found.source == "camera_feedback"
     assert "7 of 8 frames" in found.why
-    for time_s, true_s in zip(found.times_s, expected, strict=True):
-        if true_s == TIMES_S[4]:
-            assert time_s is None
-        else:
-            # dated by the vehicle's own stamp, not by the late arrival
-            assert time_s == pytest.approx(true_s, abs=0.03)
+    assert "1 more by their own clock" in found.why
+    # dated by the vehicle's own stamps, not by their late arrival
+    assert found.times_s == pytest.approx(expected, abs=0.03)
 
 
 def test_counters_match_where_names_tell_no_time(tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ def event_times_s(events: CameraEvents, clock: Clock) -> FloatArray:
 
 def match_events(
     frames: Sequence[FrameFile],
-    stated_times_s: FloatArray | None,
+    stated_times_s: FloatArray,
     events: CameraEvents,
     times_s: FloatArray,
 ) -> IntArray:
@@ -66,7 +66,7 @@ def match_events(
         return by_name
     kept_s, sequence = times_s[distinct], events.sequence[distinct].astype(np.float64)
     numbers = np.array([_last_number(frame.name) for frame in frames])
-    if stated_times_s is not None and np.isfinite(stated_times_s).any():
+    if np.isfinite(stated_times_s).any():
         tolerance_s = _time_tolerance_s(stated_times_s, kept_s)
         matched = _match_shifted(stated_times_s, kept_s, tolerance_s, _ZONE_STEP_S)
     elif np.isfinite(numbers).all() and len(np.unique(numbers)) == len(numbers):

@@ -13,10 +13,10 @@ from uasthn_cli.ingest.camera_events import event_times_s, match_events
 from uasthn_cli.ingest.clock import Clock
 from uasthn_cli.ingest.exif import read_exif
 from uasthn_cli.ingest.frame_table import read_frame_table
-from uasthn_cli.ingest.telemetry import Telemetry
+from uasthn_cli.ingest.telemetry import CameraEvents, Telemetry
 from uasthn_cli.ingest.timebase import Span, covered_share
 from uasthn_cli.ingest.timestamps import StatedTime, time_in_name
-from uasthn_cli.types import FrameFile
+from uasthn_cli.types import FloatArray, FrameFile
 
 _log = logging.getLogger(__name__)
 
@@ -169,20 +169,32 @@ def _from_events(
     frames: Sequence[FrameFile], telemetry: Telemetry, clock: Clock, stated: FrameTimes | None
 ) -> FrameTimes | None:
     """Return times of the camera message that fits most frames, None if none fits half of them."""
-    hints = (
-        None if stated is None else np.array([np.nan if t is None else t for t in stated.times_s])
-    )
+    hints_s = np.full(len(frames), np.nan)
+    if stated is not None:
+        hints_s = np.array([np.nan if t is None else t for t in stated.times_s])
     best: FrameTimes | None = None
+    most = 0
     for events in telemetry.camera_events:
-        times_s = event_times_s(events, clock)
-        index = match_events(frames, hints, events, times_s)
+        event_s = event_times_s(events, clock)
+        index = match_events(frames, hints_s, events, event_s)
         matched = int((index >= 0).sum())
-        if matched < _MIN_SHARE * len(frames) or (best and matched <= len(best.known_s)):
+        if matched < _MIN_SHARE * len(frames) or matched <= most:
             continue
-        best = FrameTimes(
-            times_s=tuple(float(times_s[k]) if k >= 0 else None for k in index),
-            source=events.message.lower(),
-            why=f"times of {matched} of {len(frames)} frames from the log's"
-            f" {len(times_s)} {events.message} messages",
-        )
+        times_s = np.where(index >= 0, event_s[index], np.nan)
+        ahead_s = (times_s - hints_s)[np.isfinite(times_s - hints_s)]
+        if len(ahead_s):
+            # A frame whose message was lost is dated by its own clock, set by the others' messages.
+            times_s = np.where(index >= 0, times_s, hints_s + np.median(ahead_s))
+        best, most = _dated_by_events(events, times_s, matched), matched
     return best
+
+
+def _dated_by_events(events: CameraEvents, times_s: FloatArray, matched: int) -> FrameTimes:
+    carried = int(np.isfinite(times_s).sum()) - matched
+    rest = f", {carried} more by their own clock set by these" if carried else ""
+    return FrameTimes(
+        times_s=tuple(float(t) if np.isfinite(t) else None for t in times_s),
+        source=events.message.lower(),
+        why=f"times of {matched} of {len(times_s)} frames from the log's"
+        f" {len(events.stamps)} {events.message} messages{rest}",
+    )
