@@ -69,6 +69,12 @@ def ragged_mask(
     return np.asarray(field > np.quantile(sample, 1.0 - share))
 
 
+def level_ground(scene: Scene, mask: BoolArray) -> None:
+    """Level dunes and bumps where people farm or build: only the ground's wide shape stays."""
+    share = smooth(mask.astype(np.float32), 5.0 / scene.gsd_m)
+    scene.ground_m += share * (smooth(scene.ground_m, 60.0 / scene.gsd_m) - scene.ground_m)
+
+
 def lakes(scene: Scene, share: float) -> BoolArray:
     """Flood the lowest ``share`` of the ground; reeds and bare shores around. Return the water."""
     ground = smooth(scene.ground_m, 3.0 / scene.gsd_m)

@@ -6,14 +6,14 @@ from collections.abc import Callable
 import numpy as np
 
 from uasthn_cli.synth.buildings import Roofs, draw_roofs, farmstead, random_axes, town
-from uasthn_cli.synth.cover import lakes, open_ground, ragged_mask
+from uasthn_cli.synth.cover import lakes, level_ground, open_ground, ragged_mask
 from uasthn_cli.synth.dunes import dune_field
 from uasthn_cli.synth.farmland import desert_farm, patchwork, pivots
 from uasthn_cli.synth.kinds import LandscapeKind
 from uasthn_cli.synth.layout import Axes, Plot
 from uasthn_cli.synth.materials import Climate, Material
 from uasthn_cli.synth.roads import crossing_roads, ground_overlay, wandering_tracks
-from uasthn_cli.synth.scene import Scene, new_scene
+from uasthn_cli.synth.scene import Scene, fill_ring, new_scene
 from uasthn_cli.synth.terrain import hills
 from uasthn_cli.synth.vegetation import forest, grow, scrub
 from uasthn_cli.types import BoolArray
@@ -151,6 +151,7 @@ def _fields(scene: Scene, share: float) -> None:
     else:
         largest_m = float(np.exp(rng.uniform(math.log(90.0), math.log(500.0))))
         patchwork(scene, axes, area, max(largest_m, 24.0 * scene.gsd_m), mask)
+    level_ground(scene, mask)
 
 
 def _woods_and_water(scene: Scene, *, wood: float, water: float) -> BoolArray:
@@ -176,15 +177,18 @@ def _desert_farms(scene: Scene, count: int) -> None:
     """Set walled farms into the sand, flattening it, with sheds beside them."""
     roofs = draw_roofs(scene, kinds=8)
     angle_rad = float(scene.rng.uniform(0.0, math.pi))
+    walled = np.zeros(scene.shape, dtype=np.uint8)
     for _ in range(count):
         axes = random_axes(scene, angle_rad + float(scene.rng.normal(0.0, 0.08)))
         half = scene.rng.uniform(35.0, 130.0, 2)
         area = Plot(-half[0], -half[1], half[0], half[1])
         desert_farm(scene, axes, area)
+        fill_ring(walled, axes.to_px(area.corners_m()), 1)
         beside = axes.to_px(np.array([half[0] + 40.0, scene.rng.uniform(-half[1], half[1])]))
         yard = Axes((float(beside[0]), float(beside[1])), axes.angle_rad, scene.gsd_m)
         if scene.rng.random() < 0.6:
             farmstead(scene, roofs, yard, scene.new_patch(Material.SAND, mottle=0.06))
+    level_ground(scene, walled > 0)
 
 
 def _farmsteads(scene: Scene, roofs: Roofs, count: int) -> None:
