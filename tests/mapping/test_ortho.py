@@ -50,8 +50,8 @@ def chessboard(east_m: FloatArray, north_m: FloatArray) -> FloatArray:
 
 
 def render(camera: CameraModel, attitude: Attitude, height_m: float = HEIGHT_M) -> ImageArray:
-    """Return what the camera sees of the chessboard, 8 × 8 rays to a pixel."""
-    finer = 8
+    """Return what the camera sees of the chessboard, 5 × 5 rays to a pixel."""
+    finer = 5
     H = homography_frame_ground(camera, attitude, height_m)
     x = (np.arange(camera.width_px * finer) + 0.5) / finer - 0.5
     y = (np.arange(camera.height_px * finer) + 0.5) / finer - 0.5

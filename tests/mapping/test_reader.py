@@ -14,6 +14,7 @@ from rasterio.errors import NotGeoreferencedWarning
 
 from uasthn_cli.geometry.geodesy import LocalFrame, from_crs, to_crs
 from uasthn_cli.geometry.pixels import metres_to_grid
+from uasthn_cli.mapping.raster import fitting_overview
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
 from uasthn_cli.types import FloatArray, GridBox, MapWindow
 
@@ -242,6 +243,24 @@ def test_overviews_are_read_where_they_are_fine_enough(write_map: Any, frame: Lo
     box = GridBox(5, 5, 20, 16)
     for gsd_m, grey in ((2.0, 200), (3.9, 200), (4.0, 50), (9.0, 50)):
         np.testing.assert_allclose(read(path, frame, box, gsd_m).image, grey / 255, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("overviews", "gsd_m", "expected"),
+    [
+        ([], 9.0, None),
+        ([2, 4, 8], 0.9, None),
+        ([2, 4, 8], 1.0, 0),
+        ([2, 4, 8], 3.9, 2),
+        ([8, 2, 4], 2.5, 2),
+        ([2, 4, 8], 100.0, 2),
+        ([0, 1], 100.0, None),
+    ],
+)
+def test_the_coarsest_overview_that_is_fine_enough_is_chosen(
+    overviews: list[int], gsd_m: float, expected: int | None
+) -> None:
+    assert fitting_overview(overviews, 0.48, gsd_m) == expected
 
 
 def test_without_overviews_a_coarse_grid_does_not_alias(write_map: Any, frame: LocalFrame) -> None:

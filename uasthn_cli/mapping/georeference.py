@@ -48,12 +48,13 @@ class Georeference:
         """Return the points of the raster ``(..., 2)`` nearest to ``(lat, lon)``, in degrees.
 
         Nearest by the raster's own axes; the raster's middle where a place cannot be expressed in
-        its CRS.
+        its CRS, or the nearest point has no place on earth.
         """
-        points = self.to_pixels(lat_lon_deg)
         size = np.array([self.width_px, self.height_px])
-        points = np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, size / 2 - 0.5)
-        return self.to_degrees(np.clip(points, -0.5, size - 0.5))
+        points = np.clip(self.to_pixels(lat_lon_deg), -0.5, size - 0.5)
+        nearest = self.to_degrees(points)
+        on_earth = np.isfinite(nearest).all(axis=-1, keepdims=True)
+        return np.where(on_earth, nearest, self.middle_deg())
 
     def distance_m(self, lat_lon_deg: FloatArray) -> FloatArray:
         """Return how far places ``(..., 2)`` are from the raster; 0 for places on it."""

@@ -33,6 +33,7 @@ _BLOCK_CACHE_BYTES = 64 * 2**20
 _WARP_MEMORY_MB = 64
 _WARP_TOLERANCE_PX = 0.02
 _HALF_COVERED = 127.5
+_MIN_GSD_M, _MAX_GSD_M = 1e-4, 1e5
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +89,11 @@ def open_source(path: Path, overview_level: int | None = None) -> MapSource:
 
 
 def fitting_overview(overviews: Sequence[int], full_gsd_m: float, gsd_m: float) -> int | None:
-    """Return the index of the coarsest overview that is still as fine as ``gsd_m``, or None."""
-    fine_enough = [k for k, factor in enumerate(overviews) if factor * full_gsd_m <= gsd_m]
+    """Return the index of the coarsest overview that is still as fine as ``gsd_m``, or None.
+
+    ``overviews`` are factors by which they are smaller; damaged files have factors of 0.
+    """
+    fine_enough = [k for k, factor in enumerate(overviews) if 1 < factor <= gsd_m / full_gsd_m]
     return max(fine_enough, key=lambda k: overviews[k], default=None)
 
 
@@ -150,17 +154,25 @@ def _georeference(dataset: rasterio.DatasetReader, path: Path) -> Georeference:
         )
     place = Georeference(crs.to_wkt(), transform, dataset.width, dataset.height)
     try:
-        middle = place.middle_deg()
+        sensible = _is_sensible(place)
     except ValueError as error:
         raise MapWithoutCrsError(
             f"{path}: the map's CRS is not tied to the earth ({error})"
-        ) from None
-    if not (np.isfinite(middle).all() and abs(middle[0]) <= 90.0):
+        ) from error
+    if not sensible:
         raise MapWithoutCrsError(
             f"{path}: the map's coordinates make no sense in its CRS; correct it:"
             f" gdal_edit.py -a_srs EPSG:CODE {path}"
         )
     return place
+
+
+def _is_sensible(place: Georeference) -> bool:
+    """Tell whether the map's middle lies on earth, with pixels of between 0.1 mm and 100 km."""
+    middle = place.middle_deg()
+    if not (np.isfinite(middle).all() and abs(middle[0]) <= 90.0):
+        return False
+    return _MIN_GSD_M < place.gsd_m(middle) < _MAX_GSD_M
 
 
 def _choose_bands(interpretation: Sequence[ColorInterp]) -> tuple[tuple[int, ...], int]:

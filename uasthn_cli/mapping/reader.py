@@ -138,7 +138,8 @@ class MapReader:
 
     def _at_fitting_overview(self, full: MapSource, full_gsd_m: float) -> MapSource:
         """Return the map at the coarsest overview that the grid's GSD allows."""
-        overviews = full.dataset.overviews(1)
+        with gdal_errors(self._path, "open"):
+            overviews = full.dataset.overviews(1)
         level = fitting_overview(overviews, full_gsd_m, self.grid.gsd_m)
         factor = 1 if level is None else overviews[level]
         _log.info(
