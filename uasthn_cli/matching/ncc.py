@@ -7,8 +7,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uasthn_cli.matching.search import MIN_OVERLAP, best_shift, view_masks
-from uasthn_cli.types import Estimate, FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
+from uasthn_cli.matching.search import MIN_OVERLAP, best_shift, view_masks, within_reach
+from uasthn_cli.types import (
+    BoolArray,
+    Estimate,
+    FloatArray,
+    ImageArray,
+    MapFeatures,
+    MapWindow,
+    Ortho,
+)
+
+_LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # ITU-R BT.601
+
+_HIGHEST_SCORE = 1.001
+"""Over flat ground OpenCV divides rounding errors by one another."""
 
 
 class NccChannel(StrEnum):
@@ -30,40 +43,45 @@ class NccEstimator:
         self.name = "ncc" if channel is NccChannel.GREY else f"ncc-{channel}"
 
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
-        """Return one channel ``(1, h, w)``: what is correlated; the map's mean where not valid."""
-        grey = window.image @ np.array([0.299, 0.587, 0.114], np.float32)
-        filled = np.where(window.valid, grey, np.float32(np.mean(window.statistics.mean)))
-        return self._transform(filled.astype(np.float32))[None]
+        """Return one channel ``(1, h, w)``: what is correlated; 0 where not valid."""
+        return self._channel_of(window.image @ _LUMA, window.valid)[None]
 
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
         """Return the best shift of each view inside the window; one iteration, no belief."""
-        template = self._transform(_flatten_outside(thermal))
-        inner = cv2.erode(thermal.valid.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
-        masks = view_masks(views_px, inner.astype(bool), 1)
-        image = features.values[0].astype(np.float32)
+        template = self._channel_of(thermal.image, thermal.valid)
+        masks = view_masks(views_px, self._trusted(thermal.valid), 1)
+        image = _centred(features.values[0].astype(np.float32), features.valid)
         valid = features.valid.astype(np.float32)
         shifts = []
         for mask in masks:
-            scores = cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED, mask=mask)
-            scores = np.where(np.isfinite(scores), np.abs(scores), 0.0)
+            scores = np.abs(cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED, mask=mask))
+            scores = np.where(scores <= _HIGHEST_SCORE, scores, 0.0)
             overlap = cv2.matchTemplate(valid, mask, cv2.TM_CCORR) / max(float(mask.sum()), 1.0)
-            shifts.append(best_shift(np.where(overlap >= MIN_OVERLAP, scores, -np.inf)))
+            allowed = (overlap >= MIN_OVERLAP) & within_reach(scores.shape, origin_px)
+            shifts.append(best_shift(np.where(allowed, scores, -np.inf)))
         corners = views_px + np.stack(shifts)[:, None]
         return Estimate(corners[None], 1.0)
 
-    def _transform(self, grey: ImageArray) -> ImageArray:
+    def _channel_of(self, grey: ImageArray, valid: BoolArray) -> ImageArray:
+        """Return what is correlated ``(h, w)``, 0 where it cannot be trusted."""
+        if self._channel is NccChannel.GRADIENT:
+            grey = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
+        return np.where(self._trusted(valid), grey, 0.0).astype(np.float32)
+
+    def _trusted(self, valid: BoolArray) -> BoolArray:
+        """Return the valid pixels; for gradients, those whose neighbours are valid as well."""
         if self._channel is NccChannel.GREY:
-            return grey
-        gradient_x, gradient_y = (
-            cv2.Sobel(grey, cv2.CV_32F, 1, 0),
-            cv2.Sobel(grey, cv2.CV_32F, 0, 1),
-        )
-        return np.hypot(gradient_x, gradient_y).astype(np.float32)
+            return valid
+        square = np.ones((3, 3), np.uint8)
+        return cv2.erode(valid.astype(np.uint8), square, borderValue=1).astype(bool)
 
 
-def _flatten_outside(thermal: Ortho) -> ImageArray:
-    """Return the frame with its mean outside the footprint, so that its edge makes no gradient."""
-    mean = thermal.image[thermal.valid].mean() if thermal.valid.any() else 0.0
-    return np.where(thermal.valid, thermal.image, mean).astype(np.float32)
+def _centred(image: ImageArray, valid: BoolArray) -> ImageArray:
+    """Return an image less its mean, 0 where not valid.
+
+    Correlation does not see a constant, but it would see a border as black as what lies beyond.
+    """
+    mean = image[valid].mean() if valid.any() else np.float32(0.0)
+    return np.where(valid, image - mean, np.float32(0.0)).astype(np.float32)

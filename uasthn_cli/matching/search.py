@@ -42,6 +42,19 @@ def best_shift(scores: FloatArray) -> FloatArray:
     )
 
 
+def within_reach(shape: tuple[int, int], prior_shift: FloatArray) -> BoolArray:
+    """Return which of ``(rows, columns)`` shifts lie in the largest disk around the prior's.
+
+    ``prior_shift`` ``(x, y)`` is the shift that the prior implies. A window is snapped outward to
+    whole tiles and has corners: without this, wrong answers lie in wait beyond the search radius.
+    """
+    rows, columns = np.ogrid[: shape[0], : shape[1]]
+    last = np.array([shape[1], shape[0]]) - 1.0
+    radius = float(np.minimum(prior_shift, last - prior_shift).min())
+    near: BoolArray = np.hypot(columns - prior_shift[0], rows - prior_shift[1]) <= radius
+    return near
+
+
 def posterior_mass(scores: FloatArray, shift: FloatArray, cell_m: float) -> float:
     """Return the soft-max mass of ``scores`` within 25 m (at least three cells) of ``shift``."""
     finite = np.isfinite(scores)
