@@ -1,13 +1,14 @@
 """Masked, normalised cross-correlation of feature maps by FFT.
 
-Only shifts that keep the thermal canvas inside the window are scored, so the circular transform of
-the window's own size is exact and no padding is needed.
+Only shifts that keep the thermal canvas inside the window are scored, so a circular transform of
+the window's own size (or the next one that the FFT likes) is exact.
 """
 
 from typing import Any
 
 import torch
 import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
+from scipy.fft import next_fast_len
 from torch import Tensor
 
 _ENERGY_EPSILON = 1e-3
@@ -15,7 +16,7 @@ _ENERGY_EPSILON = 1e-3
 
 def cell_mask(valid: Tensor, stride_px: int) -> Tensor:
     """Return ``(..., h / stride, w / stride)``: 1 where every pixel of a cell is valid."""
-    pooled = F.avg_pool2d(valid.float(), stride_px, stride_px)
+    pooled: Tensor = F.avg_pool2d(valid.float(), stride_px, stride_px)
     return (pooled > 0.999).float()
 
 
@@ -27,7 +28,8 @@ def normalise_template(features: Tensor, mask: Tensor) -> Tensor:
     count = mask.sum(dim=(2, 3), keepdim=True).clamp_min(1.0)
     centred = (features - (features * mask).sum(dim=(2, 3), keepdim=True) / count) * mask
     norm = centred.flatten(1).norm(dim=1)[:, None, None, None]
-    return centred / (norm + 1e-4)
+    normalised: Tensor = centred / (norm + 1e-4)
+    return normalised
 
 
 def correlate(window: Tensor, template: Tensor, mask: Tensor) -> Tensor:
@@ -37,13 +39,16 @@ def correlate(window: Tensor, template: Tensor, mask: Tensor) -> Tensor:
     ``mask`` ``(B, K, 1, h, w)``. Result ``(B, K, H - h + 1, W - w + 1)`` in about -1..1: the score
     of the template's cell (0, 0) lying on each window cell.
     """
-    size = window.shape[-2:]
-    rows, columns = size[0] - template.shape[-2] + 1, size[1] - template.shape[-1] + 1
-    response: Tensor = _Correlation.apply(window, template)
-    energy_spectrum = torch.fft.rfft2((window**2).sum(dim=1))
+    size = _fast_size(window)
+    rows, columns = (n - m + 1 for n, m in zip(window.shape[-2:], template.shape[-2:], strict=True))
+    response: Tensor = _Correlation.apply(window, template)  # type: ignore[no-untyped-call]
+    energy_spectrum = torch.fft.rfft2((window**2).sum(dim=1), s=size)
     mask_spectrum = torch.fft.rfft2(mask[:, :, 0], s=size)
     energy = torch.fft.irfft2(energy_spectrum[:, None] * mask_spectrum.conj(), s=size)
-    return response / torch.sqrt(energy[..., :rows, :columns].clamp_min(0) + _ENERGY_EPSILON)
+    scores: Tensor = response / torch.sqrt(
+        energy[..., :rows, :columns].clamp_min(0) + _ENERGY_EPSILON
+    )
+    return scores
 
 
 class _Correlation(torch.autograd.Function):
@@ -55,20 +60,28 @@ class _Correlation(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, window: Tensor, template: Tensor) -> Tensor:
-        size = window.shape[-2:]
-        window_spectrum = torch.fft.rfft2(window)
+        size, shape = _fast_size(window), window.shape[-2:]
+        window_spectrum = torch.fft.rfft2(window, s=size)
         template_spectrum = torch.fft.rfft2(template, s=size)
         ctx.save_for_backward(window_spectrum, template_spectrum)
-        ctx.size, ctx.template_size = size, template.shape[-2:]
+        ctx.size, ctx.window_shape, ctx.template_shape = size, shape, template.shape[-2:]
         product = (window_spectrum[:, None] * template_spectrum.conj()).sum(dim=2)
-        rows, columns = (n - m + 1 for n, m in zip(size, ctx.template_size, strict=True))
-        return torch.fft.irfft2(product, s=size)[..., :rows, :columns]
+        rows, columns = (n - m + 1 for n, m in zip(shape, ctx.template_shape, strict=True))
+        response: Tensor = torch.fft.irfft2(product, s=size)[..., :rows, :columns]
+        return response
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, Tensor]:  # type: ignore[override]
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, Tensor]:
         window_spectrum, template_spectrum = ctx.saved_tensors
         spectrum = torch.fft.rfft2(gradient, s=ctx.size)[:, :, None]
         to_window = torch.fft.irfft2((spectrum * template_spectrum).sum(dim=1), s=ctx.size)
+        height, width = ctx.window_shape
         to_template = torch.fft.irfft2(spectrum.conj() * window_spectrum[:, None], s=ctx.size)
-        rows, columns = ctx.template_size
-        return to_window, to_template[..., :rows, :columns]
+        rows, columns = ctx.template_shape
+        return to_window[..., :height, :width], to_template[..., :rows, :columns]
+
+
+def _fast_size(window: Tensor) -> tuple[int, int]:
+    """Return the smallest transform size that holds the window and has small prime factors."""
+    height, width = window.shape[-2:]
+    return next_fast_len(height, real=True), next_fast_len(width, real=True)

@@ -24,7 +24,10 @@ class LoadedXcorr:
 
 
 def serialise_xcorr(model: XcorrModel, notes: dict[str, str]) -> bytes:
-    """Return a weights file's content; floats are stored in half precision to keep it small."""
+    """Return a weights file's content; floats are stored in half precision to keep it small.
+
+    Equal weights and notes give equal bytes.
+    """
     tensors = {
         name: (value.half() if value.is_floating_point() and value.ndim > 1 else value)
         .detach()
@@ -37,7 +40,7 @@ def serialise_xcorr(model: XcorrModel, notes: dict[str, str]) -> bytes:
         "architecture": json.dumps(model.architecture.as_metadata(), sort_keys=True),
         **notes,
     }
-    return bytes(save(tensors, metadata))
+    return _with_sorted_header(bytes(save(tensors, metadata)))
 
 
 def load_xcorr(path: Path) -> LoadedXcorr:
@@ -58,14 +61,28 @@ def load_xcorr(path: Path) -> LoadedXcorr:
         raise WeightsError(f"{path}: these weights are not for the xcorr estimator")
     try:
         stored = json.loads(metadata["architecture"])
+        w1, w2, w3, w4 = stored["widths"]
         architecture = XcorrArchitecture(
-            int(stored["feature_channels"]), tuple(int(w) for w in stored["widths"])
+            int(stored["feature_channels"]), (int(w1), int(w2), int(w3), int(w4))
         )
         model = XcorrModel(architecture)
         model.load_state_dict({name: _as_float(value) for name, value in tensors.items()})
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise WeightsError(f"{path}: weights do not fit their stated architecture") from error
     return LoadedXcorr(model.eval(), metadata)
+
+
+def _with_sorted_header(content: bytes) -> bytes:
+    """Return the same safetensors file with its header in order, so equal weights are equal bytes.
+
+    The format is eight bytes of header length (little-endian), the header as JSON padded with
+    spaces to a multiple of eight, then the tensors; the library writes metadata in random order.
+    """
+    length = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + length])
+    text = json.dumps(header, sort_keys=True, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + content[8 + length :]
 
 
 def _as_float(value: torch.Tensor) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""The default estimator: learned cross-correlation, search over all shifts."""
+"""The default estimator: learned cross-correlation; search over all shifts, then refine."""
 
 from pathlib import Path
 from typing import Any
@@ -7,9 +7,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px, transform_points
 from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.networks import HALO_PX, STRIDE_PX, XcorrModel
+from uasthn_cli.matching.refine import ITERATIONS
 from uasthn_cli.matching.search import MIN_OVERLAP, best_shift, posterior_mass, view_masks
 from uasthn_cli.matching.symmetries import SYMMETRIES, encode_symmetric
 from uasthn_cli.matching.weights import BUNDLED_XCORR, load_xcorr
@@ -29,7 +31,7 @@ class XcorrEstimator:
         """Use a trained model on a device, seen under 1 to 8 symmetries."""
         self._device, self._symmetries = torch.device(device), symmetries
         self._model = model.eval().to(self._device)
-        self._temperature = float(model.log_temperature.exp())
+        self._temperature = float(model.log_temperature.detach().exp())
 
     @torch.inference_mode()
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
@@ -50,28 +52,71 @@ class XcorrEstimator:
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
-        """Return the best shift of each view inside the window; one iteration."""
-        scores, masks = self._scores(features, thermal, views_px)
+        """Return each view's best shift inside the window, then its refined corners.
+
+        The first iteration is the search's answer, the others the refiner's.
+        """
+        encoded, masks = self._encode_views(thermal, views_px)
+        scores = self._scores(features, encoded, masks)
         overlap = self._overlap(features, masks)
         scores = np.where(overlap >= MIN_OVERLAP, scores, -np.inf)
         shifts = np.stack([best_shift(view) for view in scores])
-        corners = views_px + shifts[:, None] * STRIDE_PX
+        found = views_px + shifts[:, None] * STRIDE_PX
+        refined = self._refine(features, encoded, masks, shifts, views_px)
         confidence = posterior_mass(scores[0], shifts[0], STRIDE_PX * thermal.gsd_m)
-        return Estimate(corners[None], confidence)
+        return Estimate(np.stack([found, *refined]), confidence)
 
-    def _scores(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray
-    ) -> tuple[FloatArray, torch.Tensor]:
-        """Return log-posterior scores ``(N, rows, columns)`` and view masks ``(N, 1, h, w)``."""
+    def _encode_views(
+        self, thermal: Ortho, views_px: FloatArray
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return thermal features ``(1, C, h, w)`` and the views' cell masks ``(N, 1, h, w)``."""
         image = torch.from_numpy(thermal.image)[None, None].to(self._device)
         valid = torch.from_numpy(thermal.valid).float()[None, None].to(self._device)
         encoded = encode_symmetric(self._model.encode_thermal, image, valid, self._symmetries)
         cells = cell_mask(valid, STRIDE_PX)[0, 0].bool().cpu().numpy()
-        masks = torch.from_numpy(view_masks(views_px, cells, STRIDE_PX))[:, None].to(self._device)
+        masks = torch.from_numpy(view_masks(views_px, cells, STRIDE_PX))[:, None]
+        return encoded, masks.to(self._device)
+
+    def _scores(
+        self, features: MapFeatures, encoded: torch.Tensor, masks: torch.Tensor
+    ) -> FloatArray:
+        """Return log-posterior scores ``(N, rows, columns)`` of every shift."""
         templates = normalise_template(encoded.expand(len(masks), -1, -1, -1), masks)
         window = torch.from_numpy(features.values).to(self._device, torch.float32)[None]
         scores = correlate(window, templates[None], masks[None])[0] * self._temperature
-        return scores.double().cpu().numpy(), masks
+        return scores.double().cpu().numpy()
+
+    def _refine(
+        self,
+        features: MapFeatures,
+        encoded: torch.Tensor,
+        masks: torch.Tensor,
+        shifts: FloatArray,
+        views_px: FloatArray,
+    ) -> list[FloatArray]:
+        """Return the views' corners ``(N, 4, 2)`` in window pixels after each iteration.
+
+        One symmetry is enough here: the search has already chosen the place.
+        """
+        channels = self._model.architecture.feature_channels
+        height, width = masks.shape[-2:]
+        template_corners = image_corners_px(width, height)
+        start = torch.from_numpy(template_corners + shifts[:, None]).to(self._device).float()
+        window = torch.from_numpy(features.values[:channels]).to(self._device).float()
+        count = len(masks)
+        sequence = self._model.refiner(
+            window.expand(count, -1, -1, -1),
+            encoded[:, :channels].expand(count, -1, -1, -1),
+            masks,
+            start,
+            ITERATIONS,
+        )
+        views = _to_cells(views_px)
+        corners = [step.double().cpu().numpy() for step in sequence]
+        return [
+            _to_pixels(transform_points(homography_from_corners(template_corners, step), views))
+            for step in corners
+        ]
 
     def _overlap(self, features: MapFeatures, masks: torch.Tensor) -> FloatArray:
         """Return the share of each view ``(N, rows, columns)`` that falls on valid map."""
@@ -81,6 +126,16 @@ class XcorrEstimator:
         counts = torch.nn.functional.conv2d(valid[None, None], masks)[0]
         share = counts / masks.sum(dim=(1, 2, 3)).clamp_min(1.0)[:, None, None]
         return share.double().cpu().numpy()
+
+
+def _to_cells(points_px: FloatArray) -> FloatArray:
+    """Map pixels to feature cells: cell 0 is centred between pixels 0 and 1."""
+    return (points_px - (STRIDE_PX - 1) / 2) / STRIDE_PX
+
+
+def _to_pixels(points_cells: FloatArray) -> FloatArray:
+    """Map feature cells to pixels."""
+    return points_cells * STRIDE_PX + (STRIDE_PX - 1) / 2
 
 
 def open_xcorr(weights_path: Path | None, device: str) -> XcorrEstimator:

@@ -1,7 +1,5 @@
 """One frame through rectify, search, consensus, decision and placement."""
 
-import logging
-
 import numpy as np
 
 from uasthn_cli.config import GeotagConfig
@@ -15,7 +13,12 @@ from uasthn_cli.geometry.pixels import metres_to_grid
 from uasthn_cli.geometry.placement import Placement, box_origin, place_frame, translation
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.ingest.frames import UnreadableFrameError, read_frame
-from uasthn_cli.mapping.ortho import ObliqueFrameError, TexturelessFrameError, rectify
+from uasthn_cli.mapping.ortho import (
+    FootprintSizeError,
+    ObliqueFrameError,
+    TexturelessFrameError,
+    rectify,
+)
 from uasthn_cli.mapping.tiles import FeatureTiles, aligned_box
 from uasthn_cli.pipeline.timing import StageTimer
 from uasthn_cli.types import (
@@ -27,7 +30,6 @@ from uasthn_cli.types import (
     FloatArray,
     FrameFailure,
     FrameResult,
-    ImageArray,
     MapFeatures,
     MapGrid,
     Ortho,
@@ -39,8 +41,6 @@ from uasthn_cli.uncertainty.consensus import spread_of_views
 from uasthn_cli.uncertainty.decide import decide
 from uasthn_cli.uncertainty.views import crop_views_px
 
-_log = logging.getLogger(__name__)
-
 _ALIGNMENT_PX = 16
 _MIN_VALID_FRACTION = 0.5
 
@@ -51,6 +51,7 @@ class FrameStage:
     def __init__(
         self,
         camera: CameraSpec,
+        grid: MapGrid,
         tiles: FeatureTiles,
         estimator: Estimator,
         local: LocalFrame,
@@ -58,7 +59,7 @@ class FrameStage:
         timer: StageTimer,
     ) -> None:
         """Keep the flight's camera, map features, estimator, frame of reference and settings."""
-        self._camera, self._tiles, self._estimator = camera, tiles, estimator
+        self._camera, self._grid, self._tiles, self._estimator = camera, grid, tiles, estimator
         self._local, self._config, self._timer = local, config, timer
 
     def locate(self, prior: Prior) -> FrameResult:
@@ -66,25 +67,25 @@ class FrameStage:
         try:
             with self._timer.stage("decode"):
                 image = read_frame(prior.frame.path)
-            camera = self._camera.model(image.shape[1], image.shape[0])
+            height_px, width_px = image.shape
+            camera = self._camera.model_of_frame(prior.frame.path, width_px, height_px)
             with self._timer.stage("rectify"):
-                thermal = self._rectify(image, camera, prior)
+                thermal = rectify(image, camera, prior, self._grid.gsd_m, multiple_px=_ALIGNMENT_PX)
             return self._match(prior, camera, thermal)
         except UnreadableFrameError as error:
             return _failure(prior, Reason.UNREADABLE, error)
         except ObliqueFrameError as error:
             return _failure(prior, Reason.TOO_OBLIQUE, error)
+        except FootprintSizeError as error:
+            return _failure(prior, Reason.NO_PRIOR, error)
         except TexturelessFrameError as error:
             return _failure(prior, Reason.TEXTURELESS, error)
         except DegenerateHomographyError as error:
             return _failure(prior, Reason.DEGENERATE_HOMOGRAPHY, error)
 
-    def _rectify(self, image: ImageArray, camera: CameraModel, prior: Prior) -> Ortho:
-        return rectify(image, camera, prior, self._tiles.grid.gsd_m, multiple_px=_ALIGNMENT_PX)
-
     def _match(self, prior: Prior, camera: CameraModel, thermal: Ortho) -> FrameResult:
         """Search the map around the prior and judge what was found."""
-        grid = self._tiles.grid
+        grid = self._grid
         nadir_m = self._local.to_metres(np.array([prior.lat_deg, prior.lon_deg]))
         ortho_origin_px = metres_to_grid(grid, nadir_m) - thermal.nadir_px
         features = self._read_window(thermal, ortho_origin_px)
@@ -145,7 +146,7 @@ class FrameStage:
         decision: Decision,
         estimate: Estimate,
     ) -> Fix:
-        grid = self._tiles.grid
+        grid = self._grid
         placed = self._place(camera, thermal, H_ortho_grid, grid)
         degrees = placed.in_degrees(self._local)
         prior_deg = np.array([prior.lat_deg, prior.lon_deg])

@@ -13,7 +13,7 @@ from uasthn_cli.config import THERMAL_WIDTH_PX, GeotagConfig, PriorConfig
 from uasthn_cli.errors import NoPositionError
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.ingest.cameras import CameraSpec
-from uasthn_cli.ingest.frames import frame_size_px, list_frames
+from uasthn_cli.ingest.frames import UnreadableFrameError, frame_size_px, list_frames
 from uasthn_cli.ingest.mavlink import read_telemetry
 from uasthn_cli.ingest.priors import PriorSet, build_priors
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
@@ -61,7 +61,9 @@ class Run:
             stride_px=estimator.stride_px,
             halo_px=estimator.halo_px,
         )
-        self._stage = FrameStage(job.camera, tiles, estimator, local, job.config, timer)
+        self._stage = FrameStage(
+            job.camera, reader.grid, tiles, estimator, local, job.config, timer
+        )
 
     @property
     def frame_count(self) -> int:
@@ -100,8 +102,8 @@ class Run:
 
 
 @contextmanager
-def open_run(job: GeotagJob) -> Iterator[Run]:
-    """Read the log, list the frames, open the map and load the estimator.
+def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run]:
+    """Read the log, list the frames, open the map and load the estimator, or take the one given.
 
     Raises:
         UasthnError: an input cannot be used; each class has its exit code.
@@ -125,10 +127,10 @@ def open_run(job: GeotagJob) -> Iterator[Run]:
     gsd_m = job.config.gsd_m or _choose_gsd_m(job, located, local)
     with MapReader(job.map_path, local, gsd_m) as reader:
         reader.require_overlap(positions, job.config.search_radius_m)
-        estimator = open_estimator(
+        chosen = estimator or open_estimator(
             job.config.estimator, weights_path=job.weights_path, device=job.config.device
         )
-        yield Run(job, priors, reader, estimator, local, timer)
+        yield Run(job, priors, reader, chosen, local, timer)
 
 
 def _choose_gsd_m(job: GeotagJob, priors: list[Prior], local: LocalFrame) -> float:
@@ -142,7 +144,7 @@ def _choose_gsd_m(job: GeotagJob, priors: list[Prior], local: LocalFrame) -> flo
 def _first_camera(job: GeotagJob, priors: list[Prior]) -> CameraModel:
     for prior in priors:
         try:
-            return job.camera.model(*frame_size_px(prior.frame.path))
-        except ValueError as error:
+            return job.camera.model_of_frame(prior.frame.path, *frame_size_px(prior.frame.path))
+        except UnreadableFrameError as error:
             _log.debug("%s: %s", prior.frame.name, error)
     return job.camera.model(640, 512)

@@ -14,8 +14,9 @@ def scalar_uncertainty(std: FloatArray, rule: Rule) -> float:
 
     ``all`` rejects when every one exceeds the threshold, that is when the smallest does.
     """
-    reduce = {Rule.ALL: np.min, Rule.ANY: np.max, Rule.MEAN: np.mean}[rule]
-    return float(reduce(std))
+    if rule is Rule.ALL:
+        return float(std.min())
+    return float(std.max() if rule is Rule.ANY else std.mean())
 
 
 def decide(
