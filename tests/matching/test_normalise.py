@@ -32,7 +32,8 @@ def test_invalid_pixels_of_the_map_have_no_influence(valid: Tensor) -> None:
     rgb = picture(3)
     soiled = torch.where(valid > 0, rgb, torch.tensor(9.0))
     assert torch.equal(
-        satellite_input(rgb, valid, MEAN, DEVIATION), satellite_input(soiled, valid, MEAN, DEVIATION)
+        satellite_input(rgb, valid, MEAN, DEVIATION),
+        satellite_input(soiled, valid, MEAN, DEVIATION),
     )
 
 

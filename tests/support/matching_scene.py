@@ -42,7 +42,9 @@ def encoded(estimator: Estimator, window: MapWindow) -> MapFeatures:
     """Return an estimator's features of a window, half precision as the tiles keep them."""
     stride = estimator.stride_px
     rows, columns = (side // stride for side in window.valid.shape)
-    valid = window.valid.reshape(rows, stride, columns, stride).all(axis=(1, 3))
+    valid: BoolArray = np.logical_and.reduce(
+        window.valid.reshape(rows, stride, columns, stride), axis=(1, 3)
+    )
     values = estimator.encode_map(window).astype(np.float16)
     return MapFeatures(values, valid, window.box, window.grid, stride)
 

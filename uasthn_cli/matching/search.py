@@ -19,8 +19,8 @@ _CONFIDENCE_RADIUS_CELLS = 3.0
 def view_masks(views_px: FloatArray, valid: BoolArray, stride_px: int) -> ImageArray:
     """Return ``(N, h, w)`` masks of views ``(N, 4, 2)`` (ortho pixels) on feature cells.
 
-    A cell belongs to a view when its centre lies in the view's quadrilateral and ``valid``
-    ``(h, w)`` holds there.
+    A cell belongs to a view when its centre lies in the view's quadrilateral (give or take half a
+    cell along the edges) and ``valid`` ``(h, w)`` holds there.
     """
     masks = np.zeros((len(views_px), *valid.shape), np.float32)
     bits = 4

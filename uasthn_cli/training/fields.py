@@ -1,21 +1,24 @@
 """Random fields and small image operations that the data engine is made of."""
 
+from typing import Any
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from uasthn_cli.types import ImageArray
 
 
-def standardise(image: ImageArray) -> ImageArray:
+def standardise(image: NDArray[Any]) -> ImageArray:
     """Return ``image`` with zero mean and unit deviation."""
     mean, deviation = cv2.meanStdDev(image)
-    return ((image - mean[0, 0]) / (deviation[0, 0] + 1e-6)).astype(np.float32)
+    standardised = (image - mean[0, 0]) / (deviation[0, 0] + 1e-6)
+    return np.asarray(standardised, dtype=np.float32)
 
 
-def blur(image: ImageArray, sigma_px: float) -> ImageArray:
+def blur(image: NDArray[Any], sigma_px: float) -> ImageArray:
     """Return a Gaussian blur of standard deviation ``sigma_px``."""
-    blurred: ImageArray = cv2.GaussianBlur(image, (0, 0), sigma_px).astype(np.float32, copy=False)
-    return blurred
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.float32)
 
 
 def fractal_noise(
@@ -35,7 +38,7 @@ def directional_derivative(image: ImageArray, azimuth_rad: float) -> ImageArray:
     """Return the slope of ``image`` towards an azimuth: shading under a low sun."""
     gradient_y, gradient_x = np.gradient(image)
     slope = gradient_x * np.cos(azimuth_rad) + gradient_y * np.sin(azimuth_rad)
-    return slope.astype(np.float32)
+    return np.asarray(slope, dtype=np.float32)
 
 
 def riesz_transform(image: ImageArray, azimuth_rad: float) -> ImageArray:
@@ -49,4 +52,5 @@ def riesz_transform(image: ImageArray, azimuth_rad: float) -> ImageArray:
     frequency = np.hypot(fx, fy)
     frequency[0, 0] = 1.0
     kernel = 1j * (fx * np.cos(azimuth_rad) + fy * np.sin(azimuth_rad)) / frequency
-    return np.fft.irfft2(np.fft.rfft2(image) * kernel, s=image.shape).astype(np.float32)
+    response = np.fft.irfft2(np.fft.rfft2(image) * kernel, s=image.shape)
+    return np.asarray(response, dtype=np.float32)

@@ -1,12 +1,13 @@
 """Scenes that training samples are cut from: imagery of one or several dates, and rendered sand."""
 
+import hashlib
 import logging
-from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from glob import glob
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from uasthn_cli.errors import TrainingDataError
 from uasthn_cli.mapping.imagery import OverheadImage, read_overhead_tiles
 from uasthn_cli.training.fields import standardise
+from uasthn_cli.training.places import Places
 from uasthn_cli.training.pseudo_thermal import thermal_from_colour
 from uasthn_cli.training.sand import SAND_PX, SandScene, render_sand, thermal_from_sand
 from uasthn_cli.types import ImageArray
@@ -25,7 +27,6 @@ SAND_SCENES = 64
 """How many stretches of sand a worker renders and keeps."""
 
 _MIN_IMAGE_PX = 128
-_SAME_PLACE_PX = 3
 _CHANGED_DATE_SHARE = 0.6
 
 
@@ -35,6 +36,9 @@ class Scene(Protocol):
     @property
     def shape_px(self) -> tuple[int, int]:
         """Height and width."""
+
+    def identity(self) -> bytes:
+        """Return bytes that differ where another scene is rendered."""
 
     def render(
         self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
@@ -55,6 +59,14 @@ class ImageryScene:
     def shape_px(self) -> tuple[int, int]:
         """Height and width."""
         return self.dates[0].shape[0], self.dates[0].shape[1]
+
+    def identity(self) -> bytes:
+        """Return a digest of size and pixels."""
+        digest = hashlib.sha256()
+        for date in self.dates:
+            digest.update(repr(date.shape).encode())
+            digest.update(date.tobytes())
+        return digest.digest()
 
     def render(
         self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
@@ -84,6 +96,10 @@ class RenderedSand:
         """Height and width."""
         return SAND_PX, SAND_PX
 
+    def identity(self) -> bytes:
+        """Return which sand this is."""
+        return f"sand {self.index}".encode()
+
     def render(
         self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
     ) -> tuple[ImageArray, list[ImageArray]]:
@@ -99,38 +115,55 @@ class RenderedSand:
 
 
 @dataclass(frozen=True, slots=True)
+class ImageSource:
+    """A glob pattern, its weight, and how many image files it gave."""
+
+    pattern: str
+    weight: float
+    images: int
+
+
+@dataclass(frozen=True, slots=True)
 class SceneSet:
-    """Scenes and the probability of drawing each."""
+    """Scenes, the probability of drawing each, and where the imagery among them comes from."""
 
     scenes: tuple[Scene, ...]
     probabilities: NDArray[np.float64]
+    sources: tuple[ImageSource, ...] = ()
 
     def draw(self, rng: np.random.Generator) -> Scene:
         """Return a random scene."""
         return self.scenes[int(rng.choice(len(self.scenes), p=self.probabilities))]
 
+    def fingerprint(self) -> str:
+        """Return a digest of everything that is drawn, wherever the files lie."""
+        digest = hashlib.sha256(self.probabilities.tobytes())
+        for scene in self.scenes:
+            digest.update(scene.identity())
+        return digest.hexdigest()
 
-def load_scenes(patterns: list[tuple[str, float]], sand_share: float) -> SceneSet:
+
+def load_scenes(patterns: Sequence[tuple[str, float]], sand_share: float) -> SceneSet:
     """Read imagery by glob pattern and weight, and add rendered sand.
 
-    Within a pattern an image counts by its area (up to nine times 400 × 400 px). GeoTIFFs of the
-    same place and size become one scene of several dates.
+    Within a pattern an image counts by its area (up to nine times 400 × 400 px). GeoTIFFs whose
+    grids agree to half a pixel become one scene of several dates. All imagery is kept in memory.
 
     Raises:
-        TrainingDataError: no pattern yields a usable image and no sand is asked for.
+        TrainingDataError: a pattern yields no usable image, or there is nothing to train on.
     """
     scenes: list[Scene] = []
     weights: list[float] = []
+    sources: list[ImageSource] = []
     for pattern, weight in patterns:
-        found = _read_pattern(pattern)
+        found, images = _read_pattern(pattern)
         if not found:
-            raise TrainingDataError(
-                f"no image of at least {_MIN_IMAGE_PX} px matches {pattern!r}; check --images"
-            )
+            raise TrainingDataError(_nothing_found(pattern))
         areas = [min(9.0, s.shape_px[0] * s.shape_px[1] / 160_000) for s in found]
         scenes += found
         weights += [(1 - sand_share) * weight * area / sum(areas) for area in areas]
-        _log.info("%s: %d scenes", pattern, len(found))
+        sources.append(ImageSource(pattern, weight, images))
+        _log.info("%s: %d images, %d scenes", pattern, images, len(found))
     total = sum(weights) or 1.0
     weights = [(1 - sand_share) * w / total for w in weights]
     if sand_share > 0:
@@ -139,25 +172,29 @@ def load_scenes(patterns: list[tuple[str, float]], sand_share: float) -> SceneSe
     if not scenes:
         raise TrainingDataError("nothing to train on: give --images or --sand-share above 0")
     probabilities = np.asarray(weights)
-    return SceneSet(tuple(scenes), probabilities / probabilities.sum())
+    return SceneSet(tuple(scenes), probabilities / probabilities.sum(), tuple(sources))
 
 
-def _read_pattern(pattern: str) -> list[Scene]:
-    """Return the scenes of one glob pattern, images of the same place grouped by date."""
-    groups: dict[tuple[object, ...], list[OverheadImage]] = defaultdict(list)
-    for number, name in enumerate(sorted(glob(pattern, recursive=True))):
-        for tile, image in enumerate(read_overhead_tiles(Path(name))):
+def _nothing_found(pattern: str) -> str:
+    """Return what to say of a pattern that gives no image."""
+    if Path(pattern).expanduser().is_dir():
+        return f"{pattern} is a folder; name the images in it, say --images '{pattern}/*.tif'"
+    return f"no readable image of at least {_MIN_IMAGE_PX} px matches {pattern!r}; check --images"
+
+
+def _read_pattern(pattern: str) -> tuple[list[Scene], int]:
+    """Return the scenes of one glob pattern, and of how many files they are made."""
+    places = Places()
+    images = 0
+    names = glob(str(Path(pattern).expanduser()), recursive=True)  # noqa: PTH207 (may be absolute)
+    for name in sorted(names):
+        usable = False
+        for image in read_overhead_tiles(Path(name)):
             if min(image.rgb.shape[:2]) >= _MIN_IMAGE_PX:
-                groups[_place_key(image, (number, tile))].append(image)
-    return [_as_scene(images) for images in groups.values()]
-
-
-def _place_key(image: OverheadImage, otherwise: tuple[int, int]) -> tuple[object, ...]:
-    if image.place is None:
-        return otherwise
-    crs, west, north, resolution = image.place
-    step = _SAME_PLACE_PX * resolution
-    return crs, round(west / step), round(north / step), round(resolution, 6)
+                places.add(image)
+                usable = True
+        images += usable
+    return [_as_scene(dates) for dates in places], images
 
 
 def _as_scene(images: list[OverheadImage]) -> Scene:
@@ -166,10 +203,10 @@ def _as_scene(images: list[OverheadImage]) -> Scene:
     return ImageryScene(tuple(image.rgb[:height, :width] for image in images))
 
 
-def _resize(image: ImageArray, size_px: int) -> ImageArray:
+def _resize(image: NDArray[Any], size_px: int) -> ImageArray:
     method = cv2.INTER_AREA if image.shape[0] > size_px else cv2.INTER_LINEAR
-    resized: ImageArray = cv2.resize(image, (size_px, size_px), interpolation=method)
-    return resized
+    resized = cv2.resize(image, (size_px, size_px), interpolation=method)
+    return np.asarray(resized, dtype=np.float32)
 
 
 @lru_cache(maxsize=SAND_SCENES)

@@ -1,0 +1,64 @@
+"""Estimators by name, and the devices they run on."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from uasthn_cli.errors import WeightsError
+from uasthn_cli.matching.device import choose_device
+from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
+from uasthn_cli.matching.registry import ESTIMATORS, open_estimator
+from uasthn_cli.matching.weights import serialise_xcorr
+
+
+@pytest.fixture
+def weights(tmp_path: Path) -> Path:
+    path = tmp_path / "tiny.safetensors"
+    path.write_bytes(serialise_xcorr(XcorrModel(XcorrArchitecture(4, (4, 4, 4, 4))), {}))
+    return path
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_estimators_answer_to_their_name(name: str, weights: Path) -> None:
+    path = weights if name == "xcorr" else None
+    estimator = open_estimator(name, weights_path=path, device="cpu")
+    assert estimator.name == name
+    assert estimator.halo_px % estimator.stride_px == 0
+
+
+def test_weights_for_an_estimator_without_any_are_refused(weights: Path) -> None:
+    with pytest.raises(WeightsError, match="ncc uses no weights"):
+        open_estimator("ncc", weights_path=weights)
+
+
+def test_an_unknown_estimator_is_named_with_those_known() -> None:
+    with pytest.raises(ValueError, match="unknown estimator 'sift'; known: xcorr, ncc"):
+        open_estimator("sift")
+
+
+@pytest.mark.parametrize(
+    ("requested", "has_gpu", "chosen"),
+    [
+        ("auto", False, "cpu"),
+        ("auto", True, "cuda"),
+        ("cpu", True, "cpu"),
+        ("cuda", True, "cuda"),
+        ("cuda", False, "cpu"),
+    ],
+)
+def test_the_gpu_is_used_when_wanted_and_there(
+    requested: str, has_gpu: bool, chosen: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: has_gpu)
+    assert choose_device(requested) == chosen
+
+
+def test_a_missing_gpu_is_mentioned(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    choose_device("auto")
+    assert not caplog.records
+    choose_device("cuda")
+    assert "no CUDA device" in caplog.text
