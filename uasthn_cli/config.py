@@ -37,6 +37,17 @@ class TimeBase(StrEnum):
     VEHICLE = "vehicle"
 
 
+class Precision(StrEnum):
+    """Number format of the encoders while training; all else is float32.
+
+    ``auto``: bfloat16 where the hardware computes in it.
+    """
+
+    AUTO = "auto"
+    FLOAT32 = "float32"
+    BFLOAT16 = "bfloat16"
+
+
 RESIZED_WIDTH_PX = 256
 """W_R of the paper: the width at which thresholds in pixels are stated."""
 
@@ -91,6 +102,26 @@ class GeotagConfig:
     crops: CropTtaConfig = CropTtaConfig()
     aggregation: Aggregation = Aggregation.ORIGINAL
     decision: DecisionConfig = DecisionConfig()
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingDefaults:
+    """Length, pace and data of one ``uasthn train`` run.
+
+    The encoders take ``steps``, then the refiner ``refine_steps``. A batch is ``windows`` pieces
+    of map with ``canvases`` thermal views each; ``sand_share`` of the windows show rendered sand.
+    """
+
+    steps: int = 6000
+    refine_steps: int = 600
+    learning_rate: float = 2e-3
+    windows: int = 8
+    canvases: int = 4
+    sand_share: float = 0.3
+    seed: int = 0
+    workers: int = 1
+    checkpoint_every: int = 50
+    validate_every: int = 500
 
 
 THERMAL_WIDTH_PX = 96

@@ -103,6 +103,12 @@ class SyntheticFlightError(UasthnError):
     exit_code = 23
 
 
+class TrainingDivergedError(UasthnError):
+    """The loss of a training run is no longer a finite number."""
+
+    exit_code = 24
+
+
 class RunInterruptedError(UasthnError):
     """Ctrl-C stopped a run that goes on when the same command is given again."""
 

@@ -1,18 +1,37 @@
 """Save and resume a training run: model, optimiser and step, whole or not at all."""
 
-import os
+import io
+import pickle
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import torch
 
 from uasthn_cli.errors import TrainingDataError
+from uasthn_cli.outputs.atomic import write_bytes
+
+_WRITTEN_AS: Final = {
+    "seed": "--seed",
+    "learning_rate": "--learning-rate",
+    "samples.windows": "--windows",
+    "samples.canvases": "--canvases",
+    "data": "--images or --sand-share (or the images have changed)",
+    "architecture.widths": "architecture",
+    "architecture.feature_channels": "architecture",
+}
+_FREE: Final = ("steps", "device", "bfloat16", "workers", "checkpoint_every", "changes")
+_SAID: Final = ("steps", "device", "bfloat16")
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingState:
-    """What a killed run needs to go on as if nothing had happened."""
+    """What a killed run needs to go on as if nothing had happened.
+
+    ``model`` holds weights and batch-norm statistics, ``optimiser`` AdamW's moments. No random
+    state is needed: batches are made from seed and number.
+    """
 
     step: int
     model: dict[str, Any]
@@ -21,16 +40,20 @@ class TrainingState:
 
 
 def save_checkpoint(path: Path, state: TrainingState) -> None:
-    """Write a checkpoint through a temporary file and a rename."""
-    temporary = path.with_name(path.name + ".tmp")
+    """Write a checkpoint whole or not at all.
+
+    Raises:
+        OutputError: it cannot be written; the one before stays.
+    """
     content = {
         "step": state.step,
         "model": state.model,
         "optimiser": state.optimiser,
         "settings": state.settings,
     }
-    torch.save(content, temporary)
-    os.replace(temporary, path)
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    write_bytes(path, buffer.getvalue())
 
 
 def load_checkpoint(path: Path) -> TrainingState:
@@ -42,9 +65,56 @@ def load_checkpoint(path: Path) -> TrainingState:
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
         return TrainingState(
-            int(content["step"]), content["model"], content["optimiser"], content["settings"]
+            int(content["step"]),
+            content["model"],
+            content["optimiser"],
+            dict(content["settings"]),
         )
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError, EOFError) as error:
+    except (
+        OSError,
+        RuntimeError,
+        LookupError,
+        TypeError,
+        ValueError,
+        EOFError,
+        pickle.UnpicklingError,
+    ) as error:
         raise TrainingDataError(
-            f"{path}: not a checkpoint to resume from ({error}); delete it to start anew"
+            f"{path}: not a checkpoint to resume from; delete it to start anew"
         ) from error
+
+
+def require_same_run(path: Path, saved: dict[str, Any], wanted: dict[str, Any]) -> None:
+    """Check that going on with other settings would end where an unbroken run ends.
+
+    Settings that a checkpoint does not know (it was written by an older version) are not compared.
+
+    Raises:
+        TrainingDataError: they differ in more than length, place of computation or pace of saving.
+    """
+    saved_flat, wanted_flat = dict(_flatten(saved)), dict(_flatten(wanted))
+    for name in sorted(saved_flat.keys() & wanted_flat.keys()):
+        if name in _FREE or saved_flat[name] == wanted_flat[name]:
+            continue
+        values = "" if name == "data" else f" ({saved_flat[name]}, now {wanted_flat[name]})"
+        raise TrainingDataError(
+            f"{path}: was begun with another {_WRITTEN_AS.get(name, name)}{values}; give the same"
+            " again, choose another --out, or delete the checkpoint to start anew"
+        )
+
+
+def changes_on_resume(step: int, saved: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
+    """Return the history of changed settings, what changes at ``step`` included, as sentences."""
+    return list(saved.get("changes", [])) + [
+        f"from step {step}: {name} {wanted[name]} instead of {saved[name]}"
+        for name in _SAID
+        if name in saved and saved[name] != wanted[name]
+    ]
+
+
+def _flatten(settings: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in settings.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", tuple(value) if isinstance(value, list) else value

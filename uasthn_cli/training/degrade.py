@@ -1,7 +1,10 @@
 """What cameras and time do to both images: sensor, exposure, map edges, things that changed."""
 
+from typing import Any
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from uasthn_cli.training.fields import blur
 from uasthn_cli.types import ImageArray
@@ -9,7 +12,9 @@ from uasthn_cli.types import ImageArray
 _EDGE_SHARE = 0.15
 
 
-def degrade_thermal(rng: np.random.Generator, thermal: ImageArray, valid: ImageArray) -> ImageArray:
+def degrade_thermal(
+    rng: np.random.Generator, thermal: NDArray[Any], valid: ImageArray
+) -> ImageArray:
     """Return a rectified thermal frame as a camera would give it; 0 where not valid.
 
     Optics blur, slow gradients (vignetting, narcissus), noise, stripes, saturation by automatic
@@ -19,8 +24,8 @@ def degrade_thermal(rng: np.random.Generator, thermal: ImageArray, valid: ImageA
         thermal = blur(thermal, rng.uniform(0.3, 1.5))
     height, width = thermal.shape
     thermal = (thermal - thermal.mean()) / (thermal.std() + 1e-4)
-    drift = rng.standard_normal((3, 3), dtype=np.float32)
-    drift = cv2.resize(drift, (width, height), interpolation=cv2.INTER_CUBIC)
+    knots = rng.standard_normal((3, 3), dtype=np.float32)
+    drift = cv2.resize(knots, (width, height), interpolation=cv2.INTER_CUBIC)
     thermal = thermal + np.float32(rng.uniform(0, 0.8)) * drift
     noise = rng.standard_normal(thermal.shape, dtype=np.float32)
     if rng.random() < 0.5:
@@ -34,7 +39,7 @@ def degrade_thermal(rng: np.random.Generator, thermal: ImageArray, valid: ImageA
     if rng.random() < 0.3:
         low, high = np.percentile(thermal, (rng.uniform(0, 5), rng.uniform(93, 100)))
         thermal = np.clip(thermal, low, high)
-    return (thermal * valid).astype(np.float32)
+    return np.asarray(thermal * valid, dtype=np.float32)
 
 
 def degrade_map(rng: np.random.Generator, rgb: ImageArray) -> ImageArray:

@@ -18,14 +18,16 @@ def search_scores(
     Inputs as in :class:`uasthn_cli.training.samples.Batch`.
     """
     batch, canvases = thermal.shape[:2]
-    mean, deviation = _window_statistics(satellite, satellite_valid)
+    mean, deviation = window_statistics(satellite, satellite_valid)
     a = model.encode_satellite(satellite, satellite_valid, mean, deviation).float()
     a = a * cell_mask(satellite_valid, STRIDE_PX)
     flat, flat_valid = thermal.flatten(0, 1), valid.flatten(0, 1)
     b = model.encode_thermal(flat, flat_valid).float()
     mask = cell_mask(flat_valid, STRIDE_PX)
     b = normalise_template(b, mask)
-    scores = correlate(a, b.unflatten(0, (batch, canvases)), mask.unflatten(0, (batch, canvases)))
+    scores = correlate(
+        a, b.view(batch, canvases, *b.shape[1:]), mask.view(batch, canvases, *mask.shape[1:])
+    )
     return scores * model.log_temperature.exp()
 
 
@@ -53,7 +55,7 @@ def _gaussian(centre: Tensor, length: int) -> Tensor:
     return torch.exp(-((cells - centre[..., None]) ** 2) / (2 * TARGET_SIGMA_CELLS**2))
 
 
-def _window_statistics(satellite: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
+def window_statistics(satellite: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
     """Return mean ``(B, 3)`` and deviation ``(B,)`` of the valid pixels."""
     count = valid.sum(dim=(2, 3)).clamp_min(1.0)
     mean = (satellite * valid).sum(dim=(2, 3)) / count

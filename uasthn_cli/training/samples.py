@@ -7,11 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
+from uasthn_cli.config import TrainingDefaults
 from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px
 from uasthn_cli.training.degrade import degrade_map, degrade_thermal, map_edge
 from uasthn_cli.training.scenes import SceneSet
 from uasthn_cli.types import FloatArray, ImageArray
 
+_DEFAULTS = TrainingDefaults()
 WINDOW_PX = 256
 CANVAS_PX = 112
 
@@ -20,8 +22,8 @@ CANVAS_PX = 112
 class SampleConfig:
     """Size of a batch and strength of the geometric error between prior and truth."""
 
-    windows: int = 8
-    canvases: int = 4
+    windows: int = _DEFAULTS.windows
+    canvases: int = _DEFAULTS.canvases
     yaw_error_deg: float = 2.5
     scale_error: float = 0.04
     corner_error_px: float = 1.0

@@ -1,0 +1,134 @@
+"""A model in training: made anew or taken from a checkpoint, and written to one."""
+
+import ctypes
+import logging
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from uasthn_cli.config import TrainingDefaults
+from uasthn_cli.errors import TrainingDataError
+from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
+from uasthn_cli.training.checkpoint import (
+    TrainingState,
+    changes_on_resume,
+    load_checkpoint,
+    require_same_run,
+    save_checkpoint,
+)
+from uasthn_cli.training.samples import SampleConfig
+
+_log = logging.getLogger(__name__)
+
+_DEFAULTS = TrainingDefaults()
+_MALLOC_TRIM_THRESHOLD, _MALLOC_MMAP_MAX = -1, -4
+_LATER_PARTS = "refiner."
+"""Parts of the model that are trained afterwards, on top of finished encoders."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingConfig:
+    """Length, pace and seed of a run; ``learning_rate`` is held and then falls to zero."""
+
+    steps: int = _DEFAULTS.steps
+    learning_rate: float = _DEFAULTS.learning_rate
+    weight_decay: float = 1e-3
+    gradient_clip: float = 1.0
+    seed: int = _DEFAULTS.seed
+    device: str = "cpu"
+    bfloat16: bool = True
+    workers: int = _DEFAULTS.workers
+    checkpoint_every: int = _DEFAULTS.checkpoint_every
+    samples: SampleConfig = field(default_factory=SampleConfig)
+    architecture: XcorrArchitecture = field(default_factory=XcorrArchitecture)
+
+
+@dataclass(slots=True)
+class Trainee:
+    """A model in training, the optimiser that moves it, and how many steps it has taken.
+
+    ``settings`` is what its checkpoints say of the run.
+    """
+
+    model: XcorrModel
+    optimiser: torch.optim.Optimizer
+    step: int
+    settings: dict[str, Any]
+
+    @property
+    def changes(self) -> list[str]:
+        """Settings that were changed on the way, as sentences."""
+        return list(self.settings["changes"])
+
+
+def open_trainee(config: TrainingConfig, checkpoint_path: Path, data: str) -> Trainee:
+    """Return a new model, or the one in the checkpoint; ``data`` is the scenes' fingerprint.
+
+    Raises:
+        TrainingDataError: the checkpoint belongs to another run.
+    """
+    _keep_freed_memory()
+    torch.manual_seed(config.seed)
+    model = XcorrModel(config.architecture).to(config.device)
+    parameters = trained_parameters(model)
+    for parameter in parameters:  # oneDNN trains several times faster in this layout
+        if parameter.ndim == 4:
+            parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
+    optimiser = torch.optim.AdamW(
+        parameters, lr=config.learning_rate, weight_decay=config.weight_decay
+    )
+    settings = {**asdict(config), "data": data, "changes": []}
+    trainee = Trainee(model, optimiser, 0, settings)
+    if checkpoint_path.exists():
+        _resume(trainee, checkpoint_path)
+    return trainee
+
+
+def save_trainee(trainee: Trainee, path: Path) -> None:
+    """Write a checkpoint.
+
+    Raises:
+        OutputError: it cannot be written; the one before stays.
+    """
+    state = TrainingState(
+        trainee.step, trainee.model.state_dict(), trainee.optimiser.state_dict(), trainee.settings
+    )
+    save_checkpoint(path, state)
+
+
+def trained_parameters(model: XcorrModel) -> list[nn.Parameter]:
+    """Return what the search's loss depends on."""
+    return [p for name, p in model.named_parameters() if not name.startswith(_LATER_PARTS)]
+
+
+def _resume(trainee: Trainee, path: Path) -> None:
+    """Take over model, optimiser, step and history of a checkpoint."""
+    state = load_checkpoint(path)
+    require_same_run(path, state.settings, trainee.settings)
+    if state.step > trainee.settings["steps"]:
+        raise TrainingDataError(
+            f"{path}: already at step {state.step}; give --steps of at least that, or another --out"
+        )
+    try:
+        missing, unknown = trainee.model.load_state_dict(state.model, strict=False)
+        trainee.optimiser.load_state_dict(state.optimiser)
+    except (RuntimeError, ValueError, TypeError, KeyError) as error:
+        raise TrainingDataError(f"{path}: of another architecture; choose another --out") from error
+    if unknown or not all(name.startswith(_LATER_PARTS) for name in missing):
+        raise TrainingDataError(f"{path}: of another architecture; choose another --out")
+    trainee.step = state.step
+    trainee.settings["changes"] = changes_on_resume(state.step, state.settings, trainee.settings)
+    _log.info("%s: going on from step %d", path, state.step)
+
+
+def _keep_freed_memory() -> None:
+    """Tell glibc to reuse large freed blocks: page faults otherwise take half of a CPU step."""
+    try:
+        mallopt = ctypes.CDLL("libc.so.6").mallopt
+    except OSError:
+        return
+    mallopt(_MALLOC_MMAP_MAX, 0)
+    mallopt(_MALLOC_TRIM_THRESHOLD, 2**31 - 1)
