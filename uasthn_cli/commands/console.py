@@ -66,13 +66,16 @@ def say(line: str) -> None:
 
 
 @contextmanager
-def progress(description: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
+def progress(
+    description: str, total: int, done: int = 0, *, plain_lines: bool = True
+) -> Iterator[Callable[[int], None]]:
     """Show how far a job of ``total`` steps is; yields a function that takes the steps done so far.
 
-    A bar on a terminal; a plain line at every tenth elsewhere; nothing with ``--quiet``.
+    A bar on a terminal; elsewhere a plain line at every tenth, unless the job has lines of its own
+    (``plain_lines=False``); nothing with ``--quiet``.
     """
     console = Console(stderr=True)
-    if is_quiet():
+    if is_quiet() or not (console.is_interactive or plain_lines):
         yield lambda _: None
     elif console.is_interactive:
         columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()

@@ -20,6 +20,7 @@ COMMANDS: Final = {
     "geotag": "uasthn_cli.commands.geotag:geotag",
     "report": "uasthn_cli.commands.report:report",
     "demo": "uasthn_cli.commands.demo:demo",
+    "train": "uasthn_cli.commands.train:train",
     "synth": "uasthn_cli.commands.synth:synth",
     "cameras": "uasthn_cli.commands.cameras:cameras",
     "completion": "uasthn_cli.commands.completion:completion",

@@ -1,0 +1,150 @@
+"""Options of ``uasthn train``: what to learn from, and how, as one ``config`` argument."""
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from uasthn_cli.commands.matching_options import DEVICES
+from uasthn_cli.commands.options import gathered
+from uasthn_cli.commands.parameter_types import ABOVE_ZERO
+from uasthn_cli.commands.sections import section_option
+from uasthn_cli.config import Precision, TrainingDefaults
+
+if TYPE_CHECKING:
+    from uasthn_cli.training.trainee import TrainingConfig
+
+_DEFAULTS: Final = TrainingDefaults()
+_AT_LEAST_1: Final = click.IntRange(min=1)
+
+training_option = section_option("Training")
+machine_option = section_option("Machine")
+
+
+class ImagesType(click.ParamType[tuple[str, float]]):
+    """A glob pattern, and after a last ``=`` a weight if what follows is a number."""
+
+    name = "PATTERN[=WEIGHT]"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        """Return pattern and weight, 1 where none is given."""
+        if isinstance(value, tuple):
+            return value
+        pattern, separator, number = str(value).rpartition("=")
+        try:
+            weight = float(number) if separator else None
+        except ValueError:
+            weight = None
+        if weight is None:
+            pattern, weight = str(value), 1.0
+        if not (pattern and math.isfinite(weight) and weight > 0):
+            self.fail(f"{value!r} is not a pattern, or its weight is not above 0", param, ctx)
+        return pattern, weight
+
+
+def _training_config(
+    steps: int,
+    learning_rate: float,
+    windows: int,
+    canvases: int,
+    seed: int,
+    device: str,
+    precision: str,
+    workers: int,
+    checkpoint_every: int,
+) -> "TrainingConfig":
+    """Return how to train, with the device and precision of this machine."""
+    from uasthn_cli.matching.device import choose_device
+    from uasthn_cli.training.precision import use_bfloat16
+    from uasthn_cli.training.samples import SampleConfig
+    from uasthn_cli.training.trainee import TrainingConfig
+
+    chosen = choose_device(device)
+    return TrainingConfig(
+        steps=steps,
+        learning_rate=learning_rate,
+        seed=seed,
+        device=chosen,
+        bfloat16=use_bfloat16(Precision(precision), chosen),
+        workers=workers,
+        checkpoint_every=checkpoint_every,
+        samples=SampleConfig(windows=windows, canvases=canvases),
+    )
+
+
+training_options: Final = gathered(
+    "config",
+    _training_config,
+    training_option(
+        "--steps",
+        type=_AT_LEAST_1,
+        default=_DEFAULTS.steps,
+        show_default=True,
+        metavar="N",
+        help="Batches that the encoders learn from.",
+    ),
+    training_option(
+        "--learning-rate",
+        type=ABOVE_ZERO,
+        default=_DEFAULTS.learning_rate,
+        show_default=True,
+        metavar="RATE",
+        help="Held after a short warm-up, then falls to 0 over the last 30 % of the steps.",
+    ),
+    training_option(
+        "--windows",
+        type=_AT_LEAST_1,
+        default=_DEFAULTS.windows,
+        show_default=True,
+        metavar="N",
+        help="Pieces of map in a batch.",
+    ),
+    training_option(
+        "--canvases",
+        type=_AT_LEAST_1,
+        default=_DEFAULTS.canvases,
+        show_default=True,
+        metavar="N",
+        help="Thermal views of each piece.",
+    ),
+    training_option(
+        "--seed",
+        type=click.IntRange(min=0),
+        default=_DEFAULTS.seed,
+        show_default=True,
+        metavar="N",
+        help="Of the first weights and of every batch.",
+    ),
+    machine_option(
+        "--device",
+        type=click.Choice(DEVICES),
+        default="auto",
+        show_default=True,
+        help="Where to train; auto: a GPU if there is one.",
+    ),
+    machine_option(
+        "--precision",
+        type=click.Choice([precision.value for precision in Precision]),
+        default=Precision.AUTO.value,
+        show_default=True,
+        help="Number format of the encoders; auto: bfloat16 where the hardware computes in it.",
+    ),
+    machine_option(
+        "--workers",
+        type=click.IntRange(min=0),
+        default=_DEFAULTS.workers,
+        show_default=True,
+        metavar="N",
+        help="Processes that render batches; 0: none beside the one that trains.",
+    ),
+    machine_option(
+        "--checkpoint-every",
+        type=_AT_LEAST_1,
+        default=_DEFAULTS.checkpoint_every,
+        show_default=True,
+        metavar="N",
+        help="Steps between checkpoints, rows of the log and lines of progress.",
+    ),
+)

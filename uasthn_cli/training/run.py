@@ -1,0 +1,127 @@
+"""One training run from its images to its weights; what was interrupted goes on."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from uasthn_cli.training.export import OutputPaths, TrainingStory, export
+from uasthn_cli.training.loop import Progress, Validation, train_steps, validate
+from uasthn_cli.training.refine_loop import RefineConfig, RefineProgress, train_refiner
+from uasthn_cli.training.scenes import load_scenes
+from uasthn_cli.training.trainee import TrainingConfig, open_trainee
+from uasthn_cli.training.training_log import TrainingLog
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingJob:
+    """What to train on, how, and where the weights go.
+
+    ``images`` are glob patterns with weights. The refiner is trained after the encoders, for
+    ``refine_steps``; ``licence_note`` and ``command_line`` go into the model card as they are.
+    """
+
+    out: Path
+    images: tuple[tuple[str, float], ...]
+    sand_share: float
+    config: TrainingConfig
+    refine_steps: int
+    validate_every: int
+    overwrite: bool = False
+    licence_note: str | None = None
+    command_line: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Progress of the encoders and, every so often, their validation."""
+
+    progress: Progress
+    validation: Validation | None
+
+
+class TrainingRun:
+    """Call :meth:`train`, :meth:`refine` and :meth:`export`, in this order, each to its end."""
+
+    def __init__(self, job: TrainingJob) -> None:
+        """Check the output, read the images, and take up the checkpoint if there is one.
+
+        Raises:
+            OutputError: the output exists or cannot be written.
+            TrainingDataError: there is nothing to train on, or the checkpoint is of another run.
+        """
+        self._job = job
+        self.paths = OutputPaths(job.out)
+        self.paths.prepare(job.overwrite)
+        self._scenes = load_scenes(job.images, job.sand_share)
+        data = self._scenes.fingerprint()
+        self._trainee = open_trainee(job.config, self.paths.checkpoint, data)
+        self._log = TrainingLog(self.paths.log, self._trainee.step)
+        self.saved_step = self._trainee.step
+        self._validation: Validation | None = None
+        self._refinement: RefineProgress | None = None
+
+    @property
+    def changes(self) -> list[str]:
+        """Settings that were changed on the way, as sentences."""
+        return self._trainee.changes
+
+    def train(self, on_step: Callable[[int], None]) -> Iterator[Report]:
+        """Train the encoders to the last step; yields after every checkpoint.
+
+        Raises:
+            TrainingDivergedError: the loss is no longer finite.
+            OutputError: a checkpoint cannot be written.
+        """
+        job, before = self._job, self._trainee.step
+        steps = train_steps(self._trainee, self._scenes, job.config, self.paths.checkpoint, on_step)
+        for progress in steps:
+            self.saved_step = progress.step
+            self._log.record(progress)
+            self._validation = None
+            is_due = progress.step // job.validate_every > before // job.validate_every
+            if is_due or progress.step == job.config.steps:
+                self._validation = self._validate()
+                self._log.record(progress, self._validation)
+            yield Report(progress, self._validation)
+            before = progress.step
+
+    def refine(self) -> Iterator[RefineProgress]:
+        """Train the refiner on the finished encoders; if interrupted, it starts anew."""
+        config = self._job.config
+        refine_config = RefineConfig(
+            steps=self._job.refine_steps,
+            seed=config.seed,
+            device=config.device,
+            bfloat16=config.bfloat16,
+            workers=config.workers,
+        )
+        if refine_config.steps > 0:
+            for progress in train_refiner(self._trainee.model, self._scenes, refine_config):
+                self._refinement = progress
+                yield progress
+
+    def export(self) -> Validation:
+        """Write weights and model card; return the encoders' last validation.
+
+        Raises:
+            OutputError: a file cannot be written.
+        """
+        validation = self._validation or self._validate()
+        story = TrainingStory(
+            config=self._job.config,
+            sources=self._scenes.sources,
+            sand_share=self._job.sand_share,
+            threads=torch.get_num_threads(),
+            changes=self.changes,
+            validation=validation,
+            refinement=self._refinement,
+            licence_note=self._job.licence_note,
+            command_line=self._job.command_line,
+        )
+        export(self.paths, self._trainee.model, story)
+        return validation
+
+    def _validate(self) -> Validation:
+        return validate(self._trainee.model, self._scenes, self._job.config)
