@@ -77,6 +77,7 @@ def _resampled(
 ) -> ImageArray:
     """Read the noise grid at the image's pixels, from a random place within its margin."""
     scale = 1.0 / spacing_px
+    interpolation = cv2.INTER_CUBIC if spacing_px > 2.0 else cv2.INTER_LINEAR
     offset = rng.uniform(1.0, 2.5, 2)
     matrix = np.array([[scale, 0.0, offset[0]], [0.0, scale, offset[1]]])
     return np.asarray(
@@ -84,7 +85,7 @@ def _resampled(
             field,
             matrix,
             (shape[1], shape[0]),
-            flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+            flags=interpolation | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REFLECT_101,
         ),
         dtype=np.float32,

@@ -53,15 +53,15 @@ def draw_daylight(rng: np.random.Generator) -> Daylight:
 def satellite_image(scene: Scene, daylight: Daylight) -> NDArray[np.uint8]:
     """Return the scene's satellite image ``(h, w, 3)`` RGB."""
     image = _patch_colours(scene)
-    image *= (1.0 + _texture(scene, daylight))[..., None]
+    image *= np.float32(1.0) + _texture(scene, daylight)
     _tint_ground(scene, image)
     leaves = leaf_texture(scene)
     for overlay in scene.overlays:
         alpha = overlay.day.astype(np.float32) * np.float32(1.0 / 255.0)
-        tone = 1.0 + 0.16 * leaves if overlay.material in PLANTS else np.float32(1.0)
+        patchiness = np.float32(0.16 if overlay.material in PLANTS else 0.0)
+        tone = np.float32(1.0) + patchiness * leaves
         for channel, value in enumerate(overlay.colour):
-            plane = image[..., channel]
-            plane += alpha * (np.float32(value) * tone - plane)
+            image[channel] += alpha * (np.float32(value) * tone - image[channel])
     _light(scene, image, daylight)
     return _developed(scene, image, daylight)
 
@@ -98,10 +98,9 @@ def leaf_texture(scene: Scene) -> ImageArray:
 
 
 def _patch_colours(scene: Scene) -> ImageArray:
-    """Return the bare colour of every pixel's patch."""
+    """Return the bare colour ``(3, h, w)`` of every pixel's patch (planes: quicker to work on)."""
     table = np.array([patch.colour for patch in scene.patches], dtype=np.float32)
-    image: ImageArray = table[scene.day]
-    return image
+    return np.stack([values[scene.day] for values in table.T])
 
 
 def _texture(scene: Scene, daylight: Daylight) -> ImageArray:
@@ -119,28 +118,31 @@ def _tint_ground(scene: Scene, image: ImageArray) -> None:
     """Vary the hue slowly; darken damp hollows; redden steep sand, grey the sand of hollows."""
     drift = fractal_noise(scene.rng, scene.shape, scene.gsd_m, 700.0, finest_m=15.0)
     axis = (scene.rng.normal(0.0, 0.012) + scene.rng.normal(0.0, 0.004, 3)).astype(np.float32)
-    image += drift[..., None] * axis
+    for channel, share in enumerate(axis):
+        image[channel] += share * drift
     materials = np.array([patch.material for patch in scene.patches])
     sandy = np.isin(materials, (Material.SAND,)).astype(np.float32)[scene.day]
     hollow = np.clip(hollowness(scene.ground_m, scene.gsd_m, 40.0) / 2.0, -1.0, 1.0)
     if scene.climate is Climate.TEMPERATE:
-        image *= (1.0 - 0.07 * hollow)[..., None]
+        image *= np.float32(1.0) - np.float32(0.07) * hollow
     elif sandy.any():
         east, north = slopes(scene.ground_m, scene.gsd_m)
-        steep = np.clip(np.hypot(east, north) / 0.5, 0.0, 1.0)
-        image += (sandy * steep)[..., None] * np.array([0.05, 0.005, -0.03], dtype=np.float32)
-        image += (sandy * hollow)[..., None] * np.array([-0.03, -0.012, 0.0], dtype=np.float32)
+        steep = sandy * np.minimum(2.0 * np.hypot(east, north), np.float32(1.0))
+        hollow = sandy * hollow
+        for channel, (red, grey) in enumerate(((0.05, -0.03), (0.005, -0.012), (-0.03, 0.0))):
+            image[channel] += np.float32(red) * steep + np.float32(grey) * hollow
 
 
 def _light(scene: Scene, image: ImageArray, daylight: Daylight) -> None:
     """Shade relief and crowns, and darken what lies in shadow (skylight stays, a little blue)."""
     surface = scene.ground_m + scene.above_m * _crown_share(scene)
     light = sunlight(surface, scene.gsd_m, daylight.azimuth_rad, daylight.elevation_rad)
-    gain = 1.0 + daylight.relief_contrast * 0.75 * (light - 1.0)
+    contrast = np.float32(0.75 * daylight.relief_contrast)
+    gain = np.float32(1.0) + contrast * (light - np.float32(1.0))
     shadow = cast_shadow(scene.above_m, scene.gsd_m, daylight.azimuth_rad, daylight.elevation_rad)
     shadow = smooth(shadow, 0.5)
     for channel, kept in enumerate((0.36, 0.40, 0.47)):
-        image[..., channel] *= gain * (1.0 - (1.0 - kept) * shadow)
+        image[channel] *= gain * (np.float32(1.0) - np.float32(1.0 - kept) * shadow)
 
 
 def _crown_share(scene: Scene) -> ImageArray:
@@ -153,12 +155,17 @@ def _crown_share(scene: Scene) -> ImageArray:
 
 
 def _developed(scene: Scene, image: ImageArray, daylight: Daylight) -> NDArray[np.uint8]:
-    """Blur by the satellite's optics, add haze and grain, stretch, quantise."""
-    image = smooth(image, daylight.blur_px)
-    mean = float(image.mean())
-    image = (image - mean) * daylight.contrast + mean
-    image = image * np.array(daylight.tint, dtype=np.float32) * (1.0 - daylight.haze)
-    image += daylight.haze * np.array([0.62, 0.68, 0.74], dtype=np.float32)
+    """Blur by the satellite's optics, add haze and grain, stretch, quantise: ``(h, w, 3)``."""
     grain = scene.rng.standard_normal(scene.shape, dtype=np.float32)
-    image += 0.006 * cv2.GaussianBlur(grain, (0, 0), 0.6)[..., None]
-    return np.asarray(np.clip(image * 255.0 + 0.5, 0.0, 255.0).astype(np.uint8))
+    grain = smooth(grain, 0.6) * np.float32(0.006)
+    mean = float(image.mean())
+    developed = np.empty((*scene.shape, 3), dtype=np.uint8)
+    for channel, air in enumerate((0.62, 0.68, 0.74)):
+        kept = daylight.tint[channel] * (1.0 - daylight.haze)
+        gain = kept * daylight.contrast
+        offset = kept * mean * (1.0 - daylight.contrast) + daylight.haze * air
+        plane = smooth(image[channel], daylight.blur_px)
+        plane = plane * np.float32(gain) + (grain + np.float32(offset))
+        # convertScaleAbs rounds and saturates in one pass; negatives must not fold back.
+        developed[..., channel] = cv2.convertScaleAbs(np.maximum(plane, 0.0), alpha=255.0)
+    return developed
