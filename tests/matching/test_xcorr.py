@@ -1,0 +1,148 @@
+"""The learned estimator around encoders that are simple known functions, and the weights in the box.
+
+The first iteration of an estimate is the search's own answer.
+"""
+
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
+from matching_scene import centred_origin, encoded, full_view, map_window, thermal_cut
+from small_flight import ground_texture
+from torch import Tensor, nn
+
+from uasthn_cli.matching.networks import (
+    HALO_PX,
+    STRIDE_PX,
+    XcorrArchitecture,
+    XcorrModel,
+)
+from uasthn_cli.matching.xcorr import XcorrEstimator
+from uasthn_cli.types import Estimate, FloatArray, MapWindow, Ortho
+
+GREY = ground_texture(5)[:192, :288]
+CORNER_PX, SIZE_PX = (122, 58), (80, 64)
+
+
+class LargeScaleBrightness(nn.Module):
+    """Features of one channel: brightness against the whole map or frame, at half resolution."""
+
+    def __init__(self, channel: int) -> None:
+        super().__init__()
+        self.channel = channel
+
+    def forward(self, x: Tensor) -> Tensor:
+        return F.avg_pool2d(x[:, self.channel : self.channel + 1], 2)
+
+
+def known_model() -> XcorrModel:
+    """Return a model whose encoders see the same in a grey map and in a thermal cut of it."""
+    model = XcorrModel(XcorrArchitecture(feature_channels=1, widths=(4, 4, 4, 4)))
+    model.satellite_encoder = LargeScaleBrightness(3)  # type: ignore[assignment]
+    model.thermal_encoder = LargeScaleBrightness(1)  # type: ignore[assignment]
+    return model
+
+
+def locate(
+    window: MapWindow,
+    thermal: Ortho,
+    views_px: FloatArray | None = None,
+    *,
+    symmetries: int = 8,
+) -> Estimate:
+    estimator = XcorrEstimator(known_model(), symmetries=symmetries)
+    views = full_view(thermal) if views_px is None else views_px
+    features = encoded(estimator, window)
+    return estimator.estimate(features, thermal, views, centred_origin(window, thermal))
+
+
+def test_map_features_have_a_stack_per_symmetry_and_are_zero_off_the_map() -> None:
+    valid = np.ones(GREY.shape, np.bool_)
+    valid[:, 201:] = False
+    features = encoded(XcorrEstimator(known_model()), map_window(GREY, valid))
+    assert features.values.shape == (8, 96, 144)
+    assert features.valid.sum() == 96 * 100
+    assert (features.values[:, ~features.valid] == 0).all()
+    assert (features.values[:, features.valid] != 0).any(axis=0).all()
+
+
+@pytest.mark.parametrize("symmetries", [1, 8])
+def test_convention_a_cut_out_is_found_where_it_was_cut(symmetries: int) -> None:
+    thermal = thermal_cut(GREY, CORNER_PX, SIZE_PX)
+    estimate = locate(map_window(GREY), thermal, symmetries=symmetries)
+    assert estimate.corners_px.shape[1:] == (1, 4, 2)
+    shift = estimate.corners_px[0, 0] - full_view(thermal)[0]
+    assert shift == pytest.approx(np.array([CORNER_PX] * 4), abs=0.3)
+
+
+def test_what_the_frame_does_not_show_has_no_influence() -> None:
+    thermal = thermal_cut(GREY, CORNER_PX, SIZE_PX, inset_px=10)
+    soiled = Ortho(
+        np.where(thermal.valid, thermal.image, 7.0).astype(np.float32),
+        thermal.valid,
+        thermal.gsd_m,
+        thermal.H_frame_ortho,
+        thermal.nadir_px,
+    )
+    found = locate(map_window(GREY), thermal)
+    assert found.corners_px[0, 0, 0] == pytest.approx(CORNER_PX, abs=0.3)
+    assert locate(map_window(GREY), soiled).corners_px == pytest.approx(found.corners_px, abs=1e-3)
+
+
+def test_places_mostly_off_the_map_do_not_count() -> None:
+    valid = np.ones(GREY.shape, np.bool_)
+    valid[:, CORNER_PX[0] + 30 :] = False
+    estimate = locate(map_window(GREY, valid), thermal_cut(GREY, CORNER_PX, SIZE_PX))
+    assert estimate.corners_px[0, 0, 0, 0] + SIZE_PX[0] / 2 <= CORNER_PX[0] + 30 + STRIDE_PX
+
+
+def test_a_frame_that_hangs_over_the_maps_edge_is_found() -> None:
+    valid = np.ones(GREY.shape, np.bool_)
+    valid[:, CORNER_PX[0] + 56 :] = False
+    estimate = locate(map_window(GREY, valid), thermal_cut(GREY, CORNER_PX, SIZE_PX))
+    assert estimate.corners_px[0, 0, 0] == pytest.approx(CORNER_PX, abs=1.0)
+
+
+def test_every_view_gives_its_own_answer() -> None:
+    thermal = thermal_cut(GREY, CORNER_PX, SIZE_PX)
+    elsewhere = thermal_cut(GREY, (CORNER_PX[0] + 8, CORNER_PX[1] - 6), SIZE_PX)
+    image = thermal.image.copy()
+    image[:, 40:] = elsewhere.image[:, 40:]
+    mixed = Ortho(image, thermal.valid, thermal.gsd_m, thermal.H_frame_ortho, thermal.nadir_px)
+    views = np.concatenate([full_view(mixed)] * 2)
+    views[0, [1, 3], 0] = 39.0
+    views[1, [0, 2], 0] = 40.0
+    left, right = (locate(map_window(GREY), mixed, views).corners_px[0] - views)[:, 0]
+    assert left == pytest.approx(CORNER_PX, abs=0.5)
+    assert right == pytest.approx((CORNER_PX[0] + 8, CORNER_PX[1] - 6), abs=0.5)
+
+
+def test_belief_is_high_in_a_singular_place_and_low_among_look_alikes() -> None:
+    thermal = thermal_cut(GREY, CORNER_PX, SIZE_PX)
+    assert locate(map_window(GREY), thermal).confidence > 0.9
+    tile = GREY[:64, :48]
+    look_alikes = np.tile(tile, (3, 6))
+    cut = thermal_cut(look_alikes, (96, 64), SIZE_PX)
+    assert locate(map_window(look_alikes), cut).confidence < 0.6
+
+
+def test_without_any_map_there_is_no_belief() -> None:
+    valid = np.zeros(GREY.shape, np.bool_)
+    valid[:, :8] = True
+    estimate = locate(map_window(GREY, valid), thermal_cut(GREY, CORNER_PX, SIZE_PX))
+    assert estimate.confidence == 0.0
+
+
+def test_half_a_window_is_encoded_like_the_whole() -> None:
+    """Tiles rely on it: a tile's features do not depend on what lies beyond its halo."""
+    torch.manual_seed(0)
+    model = XcorrModel(XcorrArchitecture(feature_channels=4, widths=(6, 8, 8, 8)))
+    estimator = XcorrEstimator(model, symmetries=1)
+    window = map_window(ground_texture(6)[:256, :384])
+    half = MapWindow(
+        window.image[:, :256], window.valid[:, :256], window.box, window.grid, window.statistics
+    )
+    kept = (256 - HALO_PX) // STRIDE_PX
+    whole = estimator.encode_map(window)[..., :kept]
+    alone = estimator.encode_map(half)[..., :kept]
+    assert np.abs(whole - alone).max() < 0.02 * np.abs(whole).max()
