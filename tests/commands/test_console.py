@@ -1,6 +1,10 @@
 """Log lines and progress: on stderr, in plain lines where there is no terminal."""
 
 import logging
+import os
+import pty
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -65,6 +69,30 @@ def test_progress_of_nothing_says_nothing(capsys: pytest.CaptureFixture[str]) ->
     with progress("frames", 0) as advance:
         advance(0)
     assert capsys.readouterr().err == ""
+
+
+def test_log_lines_stand_above_the_bar_on_a_terminal() -> None:
+    program = (
+        "import logging\n"
+        "from uasthn_cli.commands.console import Verbosity, progress, set_verbosity\n"
+        "set_verbosity(Verbosity.NORMAL)\n"
+        "with progress('frames', 3) as advance:\n"
+        "    advance(1)\n"
+        "    logging.getLogger('uasthn_cli.x').warning('on a line of its own')\n"
+        "    advance(3)\n"
+    )
+    terminal, its_end = pty.openpty()
+    subprocess.run(
+        [sys.executable, "-c", program],
+        stderr=its_end,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "80"},
+        check=True,
+    )
+    os.close(its_end)
+    shown = os.read(terminal, 65536).decode()
+    os.close(terminal)
+    assert "\x1b[2Kuasthn: warning: on a line of its own\r\n" in shown
+    assert "3/3" in shown
 
 
 def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,11 +4,11 @@ The level of the package's logger is the one record of how talkative the program
 """
 
 import logging
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 
-import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -30,7 +30,7 @@ class _StderrHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one record."""
-        click.echo(self.format(record), err=True)
+        _write(self.format(record))
 
 
 class _LineFormatter(logging.Formatter):
@@ -54,6 +54,12 @@ def set_verbosity(verbosity: Verbosity) -> None:
     third_party.setLevel(logging.ERROR if verbosity > Verbosity.VERBOSE else logging.WARNING)
 
 
+def _write(line: str) -> None:
+    """Write a line to stderr: not by click, which would write past a live bar's own stream."""
+    sys.stderr.write(f"{line}\n")
+    sys.stderr.flush()
+
+
 def is_quiet() -> bool:
     """Tell whether only errors are to be said."""
     return PACKAGE_LOGGER.level >= Verbosity.QUIET
@@ -62,7 +68,7 @@ def is_quiet() -> bool:
 def say(line: str) -> None:
     """Print one line for a person on stderr, unless ``--quiet``."""
     if not is_quiet():
-        click.echo(line, err=True)
+        _write(line)
 
 
 @contextmanager
@@ -94,6 +100,6 @@ def _plain_lines(description: str, total: int, done: int) -> Callable[[int], Non
         tenth = steps * _PLAIN_LINES // max(total, 1)
         if tenth > printed[0]:
             printed[0] = tenth
-            click.echo(f"{description}: {steps} of {total}", err=True)
+            _write(f"{description}: {steps} of {total}")
 
     return advance
