@@ -82,10 +82,19 @@ def test_impossible_sizes_are_refused(size_px: tuple[int, int], gsd_m: float) ->
         render_landscape(0, size_px, gsd_m)
 
 
-def test_some_things_are_there_on_one_date_only() -> None:
-    scene = build_scene(np.random.default_rng(4), (300, 420), 1.0, LandscapeKind.FARMS)
-    share = float(np.mean(scene.materials(Date.DAY) != scene.materials(Date.NIGHT)))
-    assert 0.005 < share < 0.5
+@pytest.mark.parametrize("seed", [4, 5])
+def test_some_fields_change_between_the_dates(seed: int) -> None:
+    scene = build_scene(np.random.default_rng(seed), (300, 420), 1.0, LandscapeKind.FARMS)
+    assert 0.005 < float(np.mean(scene.day != scene.night)) < 0.5
+
+
+def test_materials_are_those_of_the_date() -> None:
+    scene = new_scene(np.random.default_rng(0), (30, 50), 1.0, Climate.ARID)
+    scene.new_patch(Material.SAND)
+    track = scene.new_overlay(Material.TRACK)
+    track.night[4, 40] = 255
+    assert scene.materials(Date.DAY)[4, 40] == Material.SAND
+    assert scene.materials(Date.NIGHT)[4, 40] == Material.TRACK
 
 
 def test_convention_fill_takes_x_then_y() -> None:

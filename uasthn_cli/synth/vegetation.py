@@ -85,7 +85,9 @@ def grow(scene: Scene) -> None:
         growth = np.concatenate([np.full(len(p.radii_m), p.height_per_radius) for p in plantings])
         inside = ((points >= -0.5) & (points < np.array(scene.shape[::-1]) - 0.5)).all(axis=1)
         inside &= _values_at(scene.above_m, points) == 0.0
-        _draw(scene, scene.new_overlay(material), points[inside], radii_m[inside], fray, growth)
+        overlay = scene.new_overlay(material)
+        _draw(scene, overlay, points[inside], radii_m[inside], fray, growth[inside])
+    _fell(scene)
 
 
 def _draw(
@@ -111,6 +113,17 @@ def _draw(
     for layer in (overlay.day, overlay.night):
         np.maximum(layer, coverage, out=layer)
     np.maximum(scene.above_m, crown_m, out=scene.above_m)
+
+
+def _fell(scene: Scene) -> None:
+    """Fell up to three stands of trees between the satellite's date and the night."""
+    for overlay in scene.overlays:
+        if overlay.material is Material.CROWN:
+            for _ in range(int(scene.rng.integers(0, 4))):
+                centre_px = scene.rng.uniform((0, 0), scene.shape[::-1])
+                radius_px = float(scene.rng.uniform(12.0, 45.0)) / scene.gsd_m
+                place = (round(centre_px[0]), round(centre_px[1]))
+                cv2.circle(overlay.night, place, max(1, round(radius_px)), 0, cv2.FILLED)
 
 
 def _by_size(radii_m: FloatArray) -> list[NDArray[np.intp]]:
