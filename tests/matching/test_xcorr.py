@@ -1,4 +1,4 @@
-"""The learned estimator around encoders that are simple known functions, and the weights in the box.
+"""The learned estimator around encoders that are simple known functions.
 
 The first iteration of an estimate is the search's own answer.
 """

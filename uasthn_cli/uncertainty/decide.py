@@ -44,7 +44,7 @@ def decide(
         reason = Reason.IMPLAUSIBLE_SCALE
     elif not uncertainty_m <= limit_m:
         reason = Reason.UNCERTAIN
-    elif confidence < config.min_confidence:
+    elif not confidence >= config.min_confidence:
         reason = Reason.AMBIGUOUS
     return Decision(reason is None, uncertainty_m, reason)
 

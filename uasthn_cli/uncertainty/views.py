@@ -15,20 +15,21 @@ def crop_views_px(
 ) -> FloatArray:
     """Return corners ``(N_C, 4, 2)`` of the full frame and its ``N_C - 1`` crops, frame pixels.
 
-    Crops are ``1 - offset_fraction`` of the frame's width and height (``W_CT = W_T - o_c``).
+    Crops have ``1 - offset_fraction`` of the frame's width and height (``W_CT = W_T - o_c``).
     ``random`` draws their places from the seed and the frame's name, so that a frame's views do not
     depend on which frames came before it; ``grid`` spreads them evenly, four being the corners.
     """
+    size_px = np.array([width_px, height_px], dtype=np.float64)
+    offset_px = config.offset_fraction * size_px
     full = image_corners_px(width_px, height_px)
-    slack_px = config.offset_fraction * np.array([width_px, height_px], dtype=np.float64)
+    crop = image_corners_px(2, 2) * (size_px - offset_px - 1)
     count = config.views - 1
     if config.sampling is Sampling.GRID:
         places = _grid(count)
     else:
         rng = np.random.default_rng([config.seed, zlib.crc32(frame_name.encode())])
         places = rng.random((count, 2))
-    crops = full * (1 - config.offset_fraction) + (places * slack_px)[:, None]
-    return np.concatenate([full[None], np.minimum(crops, full[3])])
+    return np.concatenate([full[None], crop + (places * offset_px)[:, None]])
 
 
 def _grid(count: int) -> FloatArray:
