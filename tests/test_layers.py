@@ -13,7 +13,8 @@ LAYERS = (
     {"geometry"},
     {"ingest", "mapping", "matching", "uncertainty", "outputs", "report"},
     {"pipeline"},
-    {"training", "synth"},
+    {"synth"},
+    {"training"},
     {"commands"},
     {"__main__"},
 )
