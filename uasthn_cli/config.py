@@ -109,7 +109,8 @@ class TrainingDefaults:
     """Length, pace and data of one ``uasthn train`` run.
 
     The encoders take ``steps``, then the refiner ``refine_steps``. A batch is ``windows`` pieces
-    of map with ``canvases`` thermal views each; ``sand_share`` of the windows show rendered sand.
+    of map with ``canvases`` thermal views each; ``sand_share`` of the
+    windows show rendered sand, ``landscape_share`` rendered landscapes.
     """
 
     steps: int = 6000
@@ -117,7 +118,8 @@ class TrainingDefaults:
     learning_rate: float = 2e-3
     windows: int = 8
     canvases: int = 4
-    sand_share: float = 0.3
+    sand_share: float = 0.18
+    landscape_share: float = 0.28
     seed: int = 0
     workers: int = 1
     checkpoint_every: int = 50

@@ -29,13 +29,14 @@ the patterns, the shell must not expand them):
   uasthn geotag flight.tlog frames/ --map map.tif --hfov 45 \\
       --weights my.safetensors --out out/flight
 \b
-Without any image, on rendered sand only:
-  uasthn train --sand-share 1 --steps 1000 --out sand.safetensors
+Without any image, on rendered places only:
+  uasthn train --sand-share 0.4 --landscape-share 0.6 --steps 1000 --out rendered.safetensors
 \b
 Interrupted? Give the same command again: it goes on from the last checkpoint.
 """
 
 _DEFAULTS: Final = TrainingDefaults()
+_ROUNDING: Final = 1e-9
 
 data_option = section_option("Data")
 
@@ -57,7 +58,16 @@ data_option = section_option("Data")
     default=_DEFAULTS.sand_share,
     show_default=True,
     metavar="SHARE",
-    help="Share of what is trained on that is rendered sand instead; 1: no images are needed.",
+    help="Share of what is trained on that is rendered sand instead.",
+)
+@data_option(
+    "--landscape-share",
+    type=FiniteRange(0, 1),
+    default=_DEFAULTS.landscape_share,
+    show_default=True,
+    metavar="SHARE",
+    help="Share that is rendered landscapes (see `uasthn synth`). Where both shares add up to 1, no"
+    " images are needed.",
 )
 @data_option(
     "--licence-note",
@@ -92,6 +102,7 @@ data_option = section_option("Data")
 def train(
     images: tuple[tuple[str, float], ...],
     sand_share: float,
+    landscape_share: float,
     licence_note: str | None,
     refine_steps: int,
     validate_every: int,
@@ -110,16 +121,23 @@ def train(
     bit by bit, interrupted or not; a GPU adds in varying order, so there the last digits differ.
     """
     from uasthn_cli.training.run import TrainingJob, TrainingRun
+    from uasthn_cli.training.scenes import RenderedShares
 
-    if not images and sand_share < 1:
-        raise click.UsageError("give --images, or --sand-share 1 to train without any")
-    if images and sand_share == 1:
-        raise click.UsageError("--sand-share 1 leaves nothing for --images")
+    rendered_share = sand_share + landscape_share
+    if rendered_share > 1 + _ROUNDING:
+        raise click.UsageError("--sand-share and --landscape-share add up to more than 1")
+    is_all_rendered = rendered_share > 1 - _ROUNDING
+    if not images and not is_all_rendered:
+        raise click.UsageError(
+            "give --images, or shares that add up to 1, say --sand-share 0.4 --landscape-share 0.6"
+        )
+    if images and is_all_rendered:
+        raise click.UsageError("--sand-share and --landscape-share leave nothing for --images")
     run = TrainingRun(
         TrainingJob(
             out=out,
             images=images,
-            sand_share=sand_share,
+            rendered=RenderedShares(sand_share, landscape_share),
             config=config,
             refine_steps=refine_steps,
             validate_every=validate_every,

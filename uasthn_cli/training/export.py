@@ -12,7 +12,7 @@ from uasthn_cli.matching.weights import serialise_xcorr
 from uasthn_cli.outputs import atomic
 from uasthn_cli.training.loop import Validation
 from uasthn_cli.training.refine_loop import RefineProgress
-from uasthn_cli.training.scenes import ImageSource
+from uasthn_cli.training.scenes import ImageSource, RenderedShares
 from uasthn_cli.training.trainee import TrainingConfig
 
 SUFFIX = ".safetensors"
@@ -80,7 +80,7 @@ class TrainingStory:
 
     config: TrainingConfig
     sources: Sequence[ImageSource]
-    sand_share: float
+    rendered: RenderedShares
     threads: int
     changes: Sequence[str]
     validation: Validation
@@ -142,10 +142,9 @@ def _card(name: str, model: XcorrModel, story: TrainingStory) -> Iterator[str]:
 
 
 def _data(story: TrainingStory) -> Iterator[str]:
-    imagery_share = 1 - story.sand_share
     if story.sources:
         yield from (
-            f"{imagery_share:.0%} of the windows show overhead imagery, seen through random"
+            f"{story.rendered.imagery:.0%} of the windows show overhead imagery through random"
             " pseudo-thermal renderings:",
             "",
             "| images | files | weight |",
@@ -154,13 +153,14 @@ def _data(story: TrainingStory) -> Iterator[str]:
         for source in story.sources:
             yield f"| `{source.pattern}` | {source.images} | {source.weight:g} |"
         yield ""
-    if story.sand_share > 0:
+    if story.rendered.sand > 0:
         yield (
-            f"{story.sand_share:.0%} of the windows show rendered sand: dunes, tracks, plots and"
-            " scrub. No thermal image was used."
+            f"{story.rendered.sand:.0%} of the windows show rendered sand: dunes, tracks, plots,"
+            " scrub."
         )
-    else:
-        yield "No thermal image was used."
+    if story.rendered.landscapes > 0:
+        yield f"{story.rendered.landscapes:.0%} of the windows show rendered landscapes."
+    yield "No thermal image was used."
     yield from ("", f"Licence note: {story.licence_note or 'none was given.'}")
 
 

@@ -9,7 +9,7 @@ import torch
 from uasthn_cli.training.export import OutputPaths, TrainingStory, export
 from uasthn_cli.training.loop import Progress, Validation, train_steps, validate
 from uasthn_cli.training.refine_loop import RefineConfig, RefineProgress, train_refiner
-from uasthn_cli.training.scenes import load_scenes
+from uasthn_cli.training.scenes import RenderedShares, load_scenes
 from uasthn_cli.training.trainee import TrainingConfig, open_trainee
 from uasthn_cli.training.training_log import TrainingLog
 
@@ -24,7 +24,7 @@ class TrainingJob:
 
     out: Path
     images: tuple[tuple[str, float], ...]
-    sand_share: float
+    rendered: RenderedShares
     config: TrainingConfig
     refine_steps: int
     validate_every: int
@@ -54,7 +54,7 @@ class TrainingRun:
         self._job = job
         self.paths = OutputPaths(job.out)
         self.paths.prepare(job.overwrite)
-        self._scenes = load_scenes(job.images, job.sand_share)
+        self._scenes = load_scenes(job.images, job.rendered)
         data = self._scenes.fingerprint()
         self._trainee = open_trainee(job.config, self.paths.checkpoint, data)
         self._log = TrainingLog(self.paths.log, self._trainee.step)
@@ -112,7 +112,7 @@ class TrainingRun:
         story = TrainingStory(
             config=self._job.config,
             sources=self._scenes.sources,
-            sand_share=self._job.sand_share,
+            rendered=self._job.rendered,
             threads=torch.get_num_threads(),
             changes=self.changes,
             validation=validation,

@@ -1,4 +1,4 @@
-"""Scenes that training samples are cut from: imagery of one or several dates, and rendered sand."""
+"""Scenes that training samples are cut from: imagery of one or several dates, rendered places."""
 
 import hashlib
 import logging
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from uasthn_cli.errors import TrainingDataError
 from uasthn_cli.mapping.imagery import OverheadImage, read_overhead_tiles
 from uasthn_cli.training.fields import standardise
+from uasthn_cli.training.landscapes import LANDSCAPES, RenderedLandscape
 from uasthn_cli.training.places import Places
 from uasthn_cli.training.pseudo_thermal import thermal_from_colour
 from uasthn_cli.training.sand import SAND_PX, SandScene, render_sand, thermal_from_sand
@@ -115,6 +116,19 @@ class RenderedSand:
 
 
 @dataclass(frozen=True, slots=True)
+class RenderedShares:
+    """Shares of the windows that show rendered sand and landscapes; the rest shows imagery."""
+
+    sand: float
+    landscapes: float
+
+    @property
+    def imagery(self) -> float:
+        """What is left for imagery."""
+        return max(0.0, 1.0 - self.sand - self.landscapes)
+
+
+@dataclass(frozen=True, slots=True)
 class ImageSource:
     """A glob pattern, its weight, and how many image files it gave."""
 
@@ -143,8 +157,8 @@ class SceneSet:
         return digest.hexdigest()
 
 
-def load_scenes(patterns: Sequence[tuple[str, float]], sand_share: float) -> SceneSet:
-    """Read imagery by glob pattern and weight, and add rendered sand.
+def load_scenes(patterns: Sequence[tuple[str, float]], rendered: RenderedShares) -> SceneSet:
+    """Read imagery by glob pattern and weight, and add rendered places.
 
     Within a pattern an image counts by its area (up to nine times 400 × 400 px). GeoTIFFs whose
     grids agree to half a pixel become one scene of several dates. All imagery is kept in memory.
@@ -161,16 +175,19 @@ def load_scenes(patterns: Sequence[tuple[str, float]], sand_share: float) -> Sce
             raise TrainingDataError(_nothing_found(pattern))
         areas = [min(9.0, s.shape_px[0] * s.shape_px[1] / 160_000) for s in found]
         scenes += found
-        weights += [(1 - sand_share) * weight * area / sum(areas) for area in areas]
+        weights += [weight * area / sum(areas) for area in areas]
         sources.append(ImageSource(pattern, weight, images))
         _log.info("%s: %d images, %d scenes", pattern, images, len(found))
     total = sum(weights) or 1.0
-    weights = [(1 - sand_share) * w / total for w in weights]
-    if sand_share > 0:
+    weights = [rendered.imagery * w / total for w in weights]
+    if rendered.sand > 0:
         scenes += [RenderedSand(index) for index in range(SAND_SCENES)]
-        weights += [sand_share / SAND_SCENES] * SAND_SCENES
+        weights += [rendered.sand / SAND_SCENES] * SAND_SCENES
+    if rendered.landscapes > 0:
+        scenes += [RenderedLandscape(index) for index in range(LANDSCAPES)]
+        weights += [rendered.landscapes / LANDSCAPES] * LANDSCAPES
     if not scenes:
-        raise TrainingDataError("nothing to train on: give --images or --sand-share above 0")
+        raise TrainingDataError("nothing to train on: give --images, or shares of rendered places")
     probabilities = np.asarray(weights)
     return SceneSet(tuple(scenes), probabilities / probabilities.sum(), tuple(sources))
 
