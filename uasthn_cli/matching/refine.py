@@ -27,6 +27,7 @@ class Refiner(nn.Module):
         """Build an untrained refiner: a plain local soft-argmax, as its last layer starts at 0."""
         super().__init__()
         shifts = (2 * RADIUS_CELLS + 1) ** 2
+        last = nn.Conv2d(_HIDDEN, shifts + 1, 1)
         self.body = nn.Sequential(
             nn.Conv2d(shifts + 1, _HIDDEN, 1),
             nn.ReLU(inplace=True),
@@ -34,11 +35,10 @@ class Refiner(nn.Module):
             nn.ReLU(inplace=True),
             nn.Conv2d(_HIDDEN, _HIDDEN, 3, padding=2, dilation=2),
             nn.ReLU(inplace=True),
-            nn.Conv2d(_HIDDEN, shifts + 1, 1),
+            last,
         )
-        last = self.body[-1]
-        nn.init.zeros_(last.weight)
-        nn.init.zeros_(last.bias)
+        for parameter in last.parameters():
+            nn.init.zeros_(parameter)
         self.log_sharpness = nn.Parameter(torch.tensor(2.7))
         self.log_stiffness = nn.Parameter(torch.tensor(-3.0))
 

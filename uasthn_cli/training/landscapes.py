@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -54,7 +55,7 @@ class RenderedLandscape:
         return colour, thermals
 
 
-def _resize(image: ImageArray, size_px: int) -> ImageArray:
+def _resize(image: NDArray[Any], size_px: int) -> ImageArray:
     method = cv2.INTER_AREA if image.shape[0] > size_px else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, (size_px, size_px), interpolation=method), np.float32)
 
