@@ -51,6 +51,9 @@ class Precision(StrEnum):
 RESIZED_WIDTH_PX = 256
 """W_R of the paper: the width at which thresholds in pixels are stated."""
 
+DEFAULT_SYMMETRIES = 4
+"""Orientations in which xcorr sees both images: more are slower, and a little surer (1 to 8)."""
+
 CROP_OFFSET_FRACTION = 32 / 512
 """o_c / W_T of the paper."""
 
@@ -99,6 +102,7 @@ class GeotagConfig:
     search_radius_m: float = 200.0
     gsd_m: float | None = None
     device: str = "auto"
+    symmetries: int = DEFAULT_SYMMETRIES
     crops: CropTtaConfig = CropTtaConfig()
     aggregation: Aggregation = Aggregation.ORIGINAL
     decision: DecisionConfig = DecisionConfig()

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from uasthn_cli.commands.console import progress
 from uasthn_cli.errors import RunInterruptedError
+from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.outputs.journal import Journal
 from uasthn_cli.outputs.run_record import (
     RunRecord,
@@ -43,6 +44,7 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
     Raises:
         UasthnError: an input or the output cannot be used, or Ctrl-C (``RunInterruptedError``).
     """
+    keep_freed_memory()
     started_utc_s, started_s = time.time(), time.perf_counter()
     truth = None if target.truth_path is None else read_truth(target.truth_path)
     with open_run(job) as run:

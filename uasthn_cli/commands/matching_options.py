@@ -30,6 +30,7 @@ def _geotag_config(
     gsd_m: float | None,
     estimator: str,
     device: str,
+    symmetries: int,
     views: int,
     crop_sampling: str,
     crop_offset_fraction: float,
@@ -46,6 +47,7 @@ def _geotag_config(
         search_radius_m=search_radius_m,
         gsd_m=gsd_m,
         device=device,
+        symmetries=symmetries,
         crops=CropTtaConfig(views, Sampling(crop_sampling), crop_offset_fraction, seed),
         aggregation=Aggregation(aggregation),
         decision=DecisionConfig(
@@ -89,6 +91,14 @@ matching_options: Final = gathered(
         default=_CONFIG.device,
         show_default=True,
         help="Where networks run; auto: a GPU if there is one.",
+    ),
+    search_option(
+        "--symmetries",
+        type=click.IntRange(1, 8),
+        default=_CONFIG.symmetries,
+        metavar="N",
+        show_default=True,
+        help="Orientations (1 to 8) in which xcorr sees frame and map; fewer are faster.",
     ),
     trust_option(
         "--crops",
@@ -137,7 +147,7 @@ matching_options: Final = gathered(
         default=f"{_CONFIG.decision.max_std_m:g}m",
         show_default=True,
         help="Standard deviation of the corners beyond which a frame is rejected: metres on the"
-        " ground, or pixels of a frame 256 px wide.",
+        " ground, or pixels of the search window at the paper's width of 256.",
     ),
     trust_option(
         "--rule",

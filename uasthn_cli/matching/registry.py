@@ -3,6 +3,7 @@
 from importlib import import_module
 from pathlib import Path
 
+from uasthn_cli.config import DEFAULT_SYMMETRIES
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.ncc import NccEstimator
 from uasthn_cli.types import Estimator
@@ -11,7 +12,11 @@ ESTIMATORS = ("xcorr", "ncc")
 
 
 def open_estimator(
-    name: str, *, weights_path: Path | None = None, device: str = "auto"
+    name: str,
+    *,
+    weights_path: Path | None = None,
+    device: str = "auto",
+    symmetries: int = DEFAULT_SYMMETRIES,
 ) -> Estimator:
     """Return an estimator ready for use; ``device`` is ``auto``, ``cpu`` or ``cuda``.
 
@@ -26,6 +31,6 @@ def open_estimator(
     if name == "xcorr":
         # torch is heavy: a run with another estimator never loads it
         xcorr = import_module("uasthn_cli.matching.xcorr")
-        estimator: Estimator = xcorr.open_xcorr(weights_path, device)
+        estimator: Estimator = xcorr.open_xcorr(weights_path, device, symmetries)
         return estimator
     raise ValueError(f"unknown estimator {name!r}; known: {', '.join(ESTIMATORS)}")

@@ -7,13 +7,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from uasthn_cli.config import DEFAULT_SYMMETRIES
 from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px, transform_points
 from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.networks import HALO_PX, STRIDE_PX, XcorrModel
 from uasthn_cli.matching.refine import ITERATIONS
 from uasthn_cli.matching.search import MIN_OVERLAP, best_shift, posterior_mass, view_masks
-from uasthn_cli.matching.symmetries import SYMMETRIES, encode_symmetric
+from uasthn_cli.matching.symmetries import encode_symmetric
 from uasthn_cli.matching.weights import BUNDLED_XCORR, load_xcorr
 from uasthn_cli.types import Estimate, FloatArray, MapFeatures, MapWindow, Ortho
 
@@ -26,7 +27,7 @@ class XcorrEstimator:
     halo_px = HALO_PX
 
     def __init__(
-        self, model: XcorrModel, *, device: str = "cpu", symmetries: int = SYMMETRIES
+        self, model: XcorrModel, *, device: str = "cpu", symmetries: int = DEFAULT_SYMMETRIES
     ) -> None:
         """Use a trained model on a device, seen under 1 to 8 symmetries."""
         self._device, self._symmetries = torch.device(device), symmetries
@@ -138,11 +139,11 @@ def _to_pixels(points_cells: FloatArray) -> FloatArray:
     return points_cells * STRIDE_PX + (STRIDE_PX - 1) / 2
 
 
-def open_xcorr(weights_path: Path | None, device: str) -> XcorrEstimator:
+def open_xcorr(weights_path: Path | None, device: str, symmetries: int) -> XcorrEstimator:
     """Return the estimator with the weights in the box or a user's own, on ``auto|cpu|cuda``.
 
     Raises:
         WeightsError: the weights cannot be used.
     """
     model = load_xcorr(weights_path or BUNDLED_XCORR).model
-    return XcorrEstimator(model, device=choose_device(device))
+    return XcorrEstimator(model, device=choose_device(device), symmetries=symmetries)

@@ -128,7 +128,10 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
     with MapReader(job.map_path, local, gsd_m) as reader:
         reader.require_overlap(positions, job.config.search_radius_m)
         chosen = estimator or open_estimator(
-            job.config.estimator, weights_path=job.weights_path, device=job.config.device
+            job.config.estimator,
+            weights_path=job.weights_path,
+            device=job.config.device,
+            symmetries=job.config.symmetries,
         )
         yield Run(job, priors, reader, chosen, local, timer)
 

@@ -1,6 +1,5 @@
 """A model in training: made anew or taken from a checkpoint, and written to one."""
 
-import ctypes
 import logging
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from torch import nn
 
 from uasthn_cli.config import TrainingDefaults
 from uasthn_cli.errors import TrainingDataError
+from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
 from uasthn_cli.training.checkpoint import (
     TrainingState,
@@ -24,7 +24,6 @@ from uasthn_cli.training.samples import SampleConfig
 _log = logging.getLogger(__name__)
 
 _DEFAULTS = TrainingDefaults()
-_MALLOC_TRIM_THRESHOLD, _MALLOC_MMAP_MAX = -1, -4
 _LATER_PARTS = "refiner."
 """Parts of the model that are trained afterwards, on top of finished encoders."""
 
@@ -70,7 +69,7 @@ def open_trainee(config: TrainingConfig, checkpoint_path: Path, data: str) -> Tr
     Raises:
         TrainingDataError: the checkpoint belongs to another run.
     """
-    _keep_freed_memory()
+    keep_freed_memory()
     torch.manual_seed(config.seed)
     model = XcorrModel(config.architecture).to(config.device)
     parameters = trained_parameters(model)
@@ -122,13 +121,3 @@ def _resume(trainee: Trainee, path: Path) -> None:
     trainee.step = state.step
     trainee.settings["changes"] = changes_on_resume(state.step, state.settings, trainee.settings)
     _log.info("%s: going on from step %d", path, state.step)
-
-
-def _keep_freed_memory() -> None:
-    """Tell glibc to reuse large freed blocks: page faults otherwise take half of a CPU step."""
-    try:
-        mallopt = ctypes.CDLL("libc.so.6").mallopt
-    except OSError:
-        return
-    mallopt(_MALLOC_MMAP_MAX, 0)
-    mallopt(_MALLOC_TRIM_THRESHOLD, 2**31 - 1)
