@@ -52,6 +52,13 @@ def test_without_any_admissible_shift_the_answer_is_finite() -> None:
     assert np.isfinite(best_shift(np.full((ROWS, COLUMNS), -np.inf))).all()
 
 
+def test_without_any_admissible_shift_the_given_one_is_the_answer() -> None:
+    prior_shift = np.array([4.25, 3.5])
+    nowhere = np.full((ROWS, COLUMNS), -np.inf)
+    assert best_shift(nowhere, otherwise=prior_shift) == pytest.approx(prior_shift)
+    assert best_shift(bowl(7.0, 2.0, 1.0, 1.0), otherwise=prior_shift) == pytest.approx([7.0, 2.0])
+
+
 def test_two_equal_peaks_far_apart_share_the_belief() -> None:
     scores = np.full((60, 80), -np.inf)
     scores[10, 10] = scores[50, 70] = 7.0

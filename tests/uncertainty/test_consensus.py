@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -44,7 +44,6 @@ def homogeneous(points: FloatArray) -> FloatArray:
     return columns
 
 
-@settings(deadline=None)
 @given(crops=CROPS, noise=CORNER_NOISE, shift=SHIFT)
 def test_views_that_follow_one_homography_agree(
     crops: CropTtaConfig, noise: FloatArray, shift: FloatArray
@@ -62,7 +61,6 @@ def test_views_that_follow_one_homography_agree(
         assert spread.std_px == pytest.approx(np.zeros((4, 2)), abs=1e-6)
 
 
-@settings(deadline=None)
 @given(crops=CROPS, noise=arrays.arrays(np.float64, (7, 4, 2), elements=st.floats(-6.0, 6.0)))
 def test_recovery_is_what_the_papers_equations_say(crops: CropTtaConfig, noise: FloatArray) -> None:
     """Sec. III-B, eqs. 1-5, with the paper's names: hats are corners before the homography."""

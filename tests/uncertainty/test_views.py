@@ -1,5 +1,7 @@
 """Where crops lie: inside the frame, reproducibly, as the paper describes."""
 
+import os
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -60,6 +62,11 @@ def test_random_crops_depend_on_seed_and_name_alone() -> None:
     other_seed = crop_views_px(WIDTH_PX, HEIGHT_PX, CropTtaConfig(seed=4), "a.png")
     for other in (other_name, other_seed):
         assert not np.isclose(other[1:], first[1:]).all(axis=(1, 2)).any()
+
+
+def test_a_name_that_is_not_unicode_is_a_name() -> None:
+    name = os.fsdecode(b"fl\xfcg.png")
+    assert crop_views_px(WIDTH_PX, HEIGHT_PX, CropTtaConfig(), name).shape == (5, 4, 2)
 
 
 def test_random_crops_fill_the_room_they_have() -> None:

@@ -60,6 +60,6 @@ def place_frame(
         corners_m=corners,
         center_m=middle,
         camera_m=grid_to_metres(grid, nadir_grid_px),
-        yaw_deg=heading_deg,
+        yaw_deg=heading_deg % 360,  # a tiny negative angle has become 360.0
         gsd_m=float((np.hypot(*up) + np.hypot(*across)) / 2),
     )

@@ -60,7 +60,7 @@ class NccEstimator:
             scores = np.where(scores <= _HIGHEST_SCORE, scores, 0.0)
             overlap = cv2.matchTemplate(valid, mask, cv2.TM_CCORR) / max(float(mask.sum()), 1.0)
             allowed = (overlap >= MIN_OVERLAP) & within_reach(scores.shape, origin_px)
-            shifts.append(best_shift(np.where(allowed, scores, -np.inf)))
+            shifts.append(best_shift(np.where(allowed, scores, -np.inf), otherwise=origin_px))
         corners = views_px + np.stack(shifts)[:, None]
         return Estimate(corners[None], 1.0)
 

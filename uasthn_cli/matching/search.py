@@ -31,8 +31,13 @@ def view_masks(views_px: FloatArray, valid: BoolArray, stride_px: int) -> ImageA
     return masks
 
 
-def best_shift(scores: FloatArray) -> FloatArray:
-    """Return the sub-cell peak ``(x, y)`` of ``scores`` ``(rows, columns)``, by two parabolas."""
+def best_shift(scores: FloatArray, otherwise: FloatArray | None = None) -> FloatArray:
+    """Return the sub-cell peak ``(x, y)`` of ``scores`` ``(rows, columns)``, by two parabolas.
+
+    Where no shift counts (all are -inf), it is ``otherwise``, by default (0, 0).
+    """
+    if otherwise is not None and not np.isfinite(scores).any():
+        return otherwise
     row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
     return np.array(
         [

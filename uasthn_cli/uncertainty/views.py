@@ -1,6 +1,7 @@
 """CropTTA views: the full frame and crops of it (paper, sec. III-B)."""
 
 import math
+import os
 import zlib
 
 import numpy as np
@@ -27,7 +28,7 @@ def crop_views_px(
     if config.sampling is Sampling.GRID:
         places = _grid(count)
     else:
-        rng = np.random.default_rng([config.seed, zlib.crc32(frame_name.encode())])
+        rng = np.random.default_rng([config.seed, zlib.crc32(os.fsencode(frame_name))])
         places = rng.random((count, 2))
     return np.concatenate([full[None], crop + (places * offset_px)[:, None]])
 
