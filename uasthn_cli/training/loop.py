@@ -1,22 +1,20 @@
 """Train the learned cross-correlation: batches in, losses out, a checkpoint every so often."""
 
 import math
-import signal
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.utils.data import DataLoader
 
 from uasthn_cli.errors import TrainingDivergedError
 from uasthn_cli.matching.networks import XcorrModel
+from uasthn_cli.training.batches import load_batches
 from uasthn_cli.training.losses import search_loss, search_scores
 from uasthn_cli.training.samples import CANVAS_PX, Batch, SampleDataset
 from uasthn_cli.training.scenes import SceneSet
@@ -132,26 +130,7 @@ def learning_rate_at(step: int, config: TrainingConfig) -> float:
 
 def _batches(scenes: SceneSet, config: TrainingConfig, start: int) -> Iterator[Batch]:
     dataset = SampleDataset(scenes, config.samples, seed=config.seed, batches=config.steps)
-    loader: DataLoader[Batch] = DataLoader(
-        dataset,
-        batch_size=None,
-        sampler=range(start, config.steps),
-        num_workers=config.workers,
-        collate_fn=_identity,
-        worker_init_fn=_prepare_worker,
-        prefetch_factor=4 if config.workers else None,
-    )
-    return iter(loader)
-
-
-def _identity(batch: Any) -> Any:
-    return batch
-
-
-def _prepare_worker(_: int) -> None:
-    """Leave Ctrl-C to the main process, and the other cores to the network."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    cv2.setNumThreads(1)
+    return load_batches(dataset, config.workers, start)
 
 
 def _tensors(batch: Batch, device: str) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:

@@ -3,16 +3,15 @@
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.utils.data import DataLoader
 
 from uasthn_cli.matching.correlate import cell_mask
 from uasthn_cli.matching.networks import STRIDE_PX, XcorrModel
 from uasthn_cli.matching.refine import ITERATIONS, apply_homography, homography
+from uasthn_cli.training.batches import load_batches
 from uasthn_cli.training.losses import window_statistics
 from uasthn_cli.training.samples import CANVAS_PX, Batch, SampleConfig, SampleDataset
 from uasthn_cli.training.scenes import SceneSet
@@ -140,12 +139,8 @@ def _cell_corners(corners_px: Tensor) -> Tensor:
     return (places - 0.5) / STRIDE_PX
 
 
-def _batches(scenes: SceneSet, config: RefineConfig) -> DataLoader[Batch]:
+def _batches(scenes: SceneSet, config: RefineConfig) -> Iterator[Batch]:
     dataset = SampleDataset(
         scenes, config.samples, seed=config.seed + 2_000_003, batches=config.steps
     )
-    return DataLoader(dataset, batch_size=None, num_workers=config.workers, collate_fn=_identity)
-
-
-def _identity(batch: Any) -> Any:
-    return batch
+    return load_batches(dataset, config.workers)

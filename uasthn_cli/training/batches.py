@@ -1,0 +1,37 @@
+"""Batches rendered ahead in worker processes, in a fixed order."""
+
+import signal
+from collections.abc import Iterator
+from typing import Any
+
+import cv2
+from torch.utils.data import DataLoader
+
+from uasthn_cli.training.samples import Batch, SampleDataset
+
+_AHEAD = 4
+
+
+def load_batches(dataset: SampleDataset, workers: int, start: int = 0) -> Iterator[Batch]:
+    """Return batches from number ``start`` on; 0 workers render in this process."""
+    cv2.setNumThreads(1)  # a pool of threads that is forked never answers: end it before
+    loader: DataLoader[Batch] = DataLoader(
+        dataset,
+        batch_size=None,
+        sampler=range(start, len(dataset)),
+        num_workers=workers,
+        collate_fn=_identity,
+        worker_init_fn=_prepare_worker,
+        prefetch_factor=_AHEAD if workers else None,
+    )
+    return iter(loader)
+
+
+def _identity(batch: Any) -> Any:
+    return batch
+
+
+def _prepare_worker(_: int) -> None:
+    """Leave Ctrl-C to the main process, and the other cores to the network."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)
