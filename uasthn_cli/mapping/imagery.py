@@ -75,7 +75,8 @@ def _read_tile(source: rasterio.DatasetReader, window: Window, valid: BoolArray)
     place = None
     transform = source.transform
     if source.crs is not None and _is_north_up(transform):
-        west, north = transform * (window.col_off, window.row_off)
+        west = window.col_off * transform.a + transform.c
+        north = window.row_off * transform.e + transform.f
         place = (str(source.crs), float(west), float(north), float(transform.a))
     return OverheadImage(_read_colour(source, window, valid), place)
 
