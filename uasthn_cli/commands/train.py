@@ -18,6 +18,7 @@ from uasthn_cli.errors import RunInterruptedError
 if TYPE_CHECKING:
     from uasthn_cli.training.loop import Validation
     from uasthn_cli.training.run import Report, TrainingRun
+    from uasthn_cli.training.scenes import RenderedShares
     from uasthn_cli.training.trainee import TrainingConfig
 
 _EXAMPLES: Final = """\
@@ -63,11 +64,9 @@ data_option = section_option("Data")
 @data_option(
     "--landscape-share",
     type=FiniteRange(0, 1),
-    default=_DEFAULTS.landscape_share,
-    show_default=True,
     metavar="SHARE",
     help="Share that is rendered landscapes (see `uasthn synth`). Where both shares add up to 1, no"
-    " images are needed.",
+    f" images are needed.  [default: {_DEFAULTS.landscape_share:g}, or what --sand-share leaves]",
 )
 @data_option(
     "--licence-note",
@@ -102,7 +101,7 @@ data_option = section_option("Data")
 def train(
     images: tuple[tuple[str, float], ...],
     sand_share: float,
-    landscape_share: float,
+    landscape_share: float | None,
     licence_note: str | None,
     refine_steps: int,
     validate_every: int,
@@ -121,23 +120,12 @@ def train(
     bit by bit, interrupted or not; a GPU adds in varying order, so there the last digits differ.
     """
     from uasthn_cli.training.run import TrainingJob, TrainingRun
-    from uasthn_cli.training.scenes import RenderedShares
 
-    rendered_share = sand_share + landscape_share
-    if rendered_share > 1 + _ROUNDING:
-        raise click.UsageError("--sand-share and --landscape-share add up to more than 1")
-    is_all_rendered = rendered_share > 1 - _ROUNDING
-    if not images and not is_all_rendered:
-        raise click.UsageError(
-            "give --images, or shares that add up to 1, say --sand-share 0.4 --landscape-share 0.6"
-        )
-    if images and is_all_rendered:
-        raise click.UsageError("--sand-share and --landscape-share leave nothing for --images")
     run = TrainingRun(
         TrainingJob(
             out=out,
             images=images,
-            rendered=RenderedShares(sand_share, landscape_share),
+            rendered=_rendered_shares(sand_share, landscape_share, bool(images)),
             config=config,
             refine_steps=refine_steps,
             validate_every=validate_every,
@@ -155,6 +143,27 @@ def train(
     say(f"{_validated(run.export())}; weights are in {out}, their model card in {run.paths.card}")
 
 
+def _rendered_shares(
+    sand_share: float, landscape_share: float | None, has_images: bool
+) -> "RenderedShares":
+    """Return how much is rendered, and refuse shares that do not go with the images given."""
+    from uasthn_cli.training.scenes import RenderedShares
+
+    if landscape_share is None:
+        landscape_share = min(_DEFAULTS.landscape_share, 1 - sand_share)
+    rendered_share = sand_share + landscape_share
+    if rendered_share > 1 + _ROUNDING:
+        raise click.UsageError("--sand-share and --landscape-share add up to more than 1")
+    is_all_rendered = rendered_share > 1 - _ROUNDING
+    if not has_images and not is_all_rendered:
+        raise click.UsageError(
+            "give --images, or shares that add up to 1, say --sand-share 0.4 --landscape-share 0.6"
+        )
+    if has_images and is_all_rendered:
+        raise click.UsageError("--sand-share and --landscape-share leave nothing for --images")
+    return RenderedShares(sand_share, landscape_share)
+
+
 def _typed(context: click.Context) -> Iterator[str]:
     """Yield the command as it was typed, options in the order of the help page."""
     yield from ("uasthn", "train")
@@ -165,7 +174,7 @@ def _typed(context: click.Context) -> Iterator[str]:
         value = context.params.get(name)
         if name == "images":
             for pattern, weight in value or ():
-                yield from (option.opts[0], f"{pattern}={weight:g}")
+                yield from (option.opts[0], f"{pattern}={weight:.12g}")
         elif isinstance(option, click.Option) and option.is_flag:
             yield option.opts[0]
         else:

@@ -64,6 +64,8 @@ def load_checkpoint(path: Path) -> TrainingState:
     """
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
+        if not isinstance(content, dict):
+            raise TypeError("not a dictionary")
         return TrainingState(
             int(content["step"]),
             content["model"],
