@@ -80,7 +80,7 @@ class DecisionConfig:
     max_std_m: float = 10.0
     max_std_px: float | None = None
     rule: Rule = Rule.ALL
-    min_confidence: float = 0.5
+    min_confidence: float = 0.3
     max_scale_error: float = 0.25
 
 

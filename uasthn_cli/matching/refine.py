@@ -13,7 +13,10 @@ from torch import Tensor, nn
 from uasthn_cli.matching.correlate import normalise_template
 
 RADIUS_CELLS = 4
-ITERATIONS = 4
+ITERATIONS = 1
+"""Iterations of an estimate: on rendered flights further ones made corners worse."""
+
+TRAINING_ITERATIONS = 4
 PATCH_CELLS = 11
 _ENERGY_EPSILON = 1e-12
 _HIDDEN = 32

@@ -113,7 +113,7 @@ class XcorrEstimator:
             ITERATIONS,
         )
         views = _to_cells(views_px)
-        corners = [step.double().cpu().numpy() for step in sequence]
+        corners = [_centred_on(step, start).double().cpu().numpy() for step in sequence]
         return [
             _to_pixels(transform_points(homography_from_corners(template_corners, step), views))
             for step in corners
@@ -127,6 +127,15 @@ class XcorrEstimator:
         counts = torch.nn.functional.conv2d(valid[None, None], masks)[0]
         share = counts / masks.sum(dim=(1, 2, 3)).clamp_min(1.0)[:, None, None]
         return share.double().cpu().numpy()
+
+
+def _centred_on(corners: torch.Tensor, start: torch.Tensor) -> torch.Tensor:
+    """Return corners ``(N, 4, 2)`` moved so that they have the mean of ``start``.
+
+    The search weighs the whole frame at once and places its centre better than local matches do;
+    these see what the search cannot: turn, scale and tilt.
+    """
+    return corners - corners.mean(dim=1, keepdim=True) + start.mean(dim=1, keepdim=True)
 
 
 def _to_cells(points_px: FloatArray) -> FloatArray:

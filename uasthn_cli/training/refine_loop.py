@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from uasthn_cli.matching.correlate import cell_mask
 from uasthn_cli.matching.networks import STRIDE_PX, XcorrModel
-from uasthn_cli.matching.refine import ITERATIONS, apply_homography, homography
+from uasthn_cli.matching.refine import TRAINING_ITERATIONS, apply_homography, homography
 from uasthn_cli.training.batches import load_batches
 from uasthn_cli.training.losses import window_statistics
 from uasthn_cli.training.samples import CANVAS_PX, Batch, SampleConfig, SampleDataset
@@ -64,7 +64,7 @@ def train_refiner(
         window, template, mask, truth, start = refine_inputs(
             model, batch, generator, device=config.device, bfloat16=config.bfloat16
         )
-        sequence = model.refiner(window, template, mask, start, ITERATIONS)
+        sequence = model.refiner(window, template, mask, start, TRAINING_ITERATIONS)
         optimiser.zero_grad(set_to_none=True)
         sequence_loss(sequence, truth).backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(model.refiner.parameters(), 1.0)
