@@ -7,11 +7,10 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
-from tiny_training import TINY_SAMPLES, pattern_scenes
+from tiny_training import pattern_scenes
 from torch import Tensor, nn
 
 from uasthn_cli.training import samples
-from uasthn_cli.training.batches import load_batches
 from uasthn_cli.training.losses import search_loss, search_scores
 from uasthn_cli.training.samples import CANVAS_PX, WINDOW_PX, Batch, SampleConfig, SampleDataset
 
@@ -58,15 +57,6 @@ def test_other_numbers_and_other_seeds_give_other_batches() -> None:
     batch = draw(3, 5)
     assert not same(batch, draw(4, 5))
     assert not same(batch, draw(3, 6))
-
-
-@pytest.mark.slow
-def test_worker_processes_render_the_same_batches() -> None:
-    dataset = SampleDataset(pattern_scenes(), TINY_SAMPLES, seed=1, batches=4)
-    alone = list(load_batches(dataset, workers=0, start=1))
-    helped = list(load_batches(dataset, workers=2, start=1))
-    assert len(alone) == 3
-    assert all(map(same, alone, helped))
 
 
 def content_under(window: NDArray[np.float32], corners: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,6 +1,10 @@
 """Batches rendered ahead in worker processes, in a fixed order."""
 
+import multiprocessing
+import os
 import signal
+import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,6 +14,7 @@ from torch.utils.data import DataLoader
 from uasthn_cli.training.samples import Batch, SampleDataset
 
 _AHEAD = 4
+_LOOK_EVERY_S = 1.0
 
 
 def load_batches(dataset: SampleDataset, workers: int, start: int = 0) -> Iterator[Batch]:
@@ -32,6 +37,19 @@ def _identity(batch: Any) -> Any:
 
 
 def _prepare_worker(_: int) -> None:
-    """Leave Ctrl-C to the main process, and the other cores to the network."""
+    """Leave Ctrl-C to the main process and the other cores to the network; end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent is gone.
+
+    A parent that is killed cannot say so, and PyTorch's own watch is of no use to a worker that
+    waits for room in a full pipe which nobody reads any more.
+    """
+    parent = multiprocessing.parent_process()
+    while parent is not None and os.getppid() == parent.pid:
+        time.sleep(_LOOK_EVERY_S)
+    os._exit(1)
