@@ -133,5 +133,8 @@ class TrainingDefaults:
 THERMAL_WIDTH_PX = 96
 """Width of a frame's footprint on the map grid that the default GSD aims at."""
 
+MAX_MAP_ENLARGEMENT = 2.0
+"""How much finer than the map's own GSD the default may be."""
+
 MAX_TILT_DEG = 30.0
 """Beyond this angle between the optical axis and the vertical a frame is ``too-oblique``."""

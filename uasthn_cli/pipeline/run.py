@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from uasthn_cli.config import THERMAL_WIDTH_PX, GeotagConfig, PriorConfig
+from uasthn_cli.config import MAX_MAP_ENLARGEMENT, THERMAL_WIDTH_PX, GeotagConfig, PriorConfig
 from uasthn_cli.errors import NoPositionError
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.ingest.cameras import CameraSpec
@@ -137,11 +137,15 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
 
 
 def _choose_gsd_m(job: GeotagJob, priors: list[Prior], local: LocalFrame) -> float:
-    """Return the GSD at which a frame is about 96 px wide, but no finer than the map's own."""
+    """Return the GSD at which a frame is about 96 px wide, at most twice as fine as the map's own.
+
+    Enlarging a coarse map helps: features come at half the image's resolution.
+    """
     camera = _first_camera(job, priors)
     height_m = float(np.median([prior.height_above_ground_m for prior in priors]))
     footprint_m = height_m * camera.width_px / camera.focal_x_px
-    return max(native_gsd_m(job.map_path, local), footprint_m / THERMAL_WIDTH_PX)
+    finest_m = native_gsd_m(job.map_path, local) / MAX_MAP_ENLARGEMENT
+    return max(finest_m, footprint_m / THERMAL_WIDTH_PX)
 
 
 def _first_camera(job: GeotagJob, priors: list[Prior]) -> CameraModel:
