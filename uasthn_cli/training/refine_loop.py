@@ -1,5 +1,6 @@
 """Train the refiner on top of finished encoders."""
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from uasthn_cli.errors import TrainingDivergedError
 from uasthn_cli.matching.correlate import cell_mask
 from uasthn_cli.matching.networks import STRIDE_PX, XcorrModel
 from uasthn_cli.matching.refine import TRAINING_ITERATIONS, apply_homography, homography
@@ -19,6 +21,9 @@ from uasthn_cli.training.scenes import SceneSet
 _SEQUENCE_DECAY = 0.85
 _START_ERROR_CELLS = 1.0
 _REPORT_EVERY = 50
+_WARM_UP_SHARE = 0.1
+_SHORTEST_WITH_WARM_UP = 10
+"""A warm-up of a single step divides by zero in PyTorch's schedule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +56,18 @@ def train_refiner(
 
     The start is what the search leaves: the true shift within about a cell, the prior's rotation,
     scale and tilt.
+
+    Raises:
+        TrainingDivergedError: the loss is no longer finite.
     """
     model.eval()
     model.refiner.train()
     optimiser = torch.optim.AdamW(model.refiner.parameters(), lr=config.learning_rate)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, config.learning_rate, total_steps=config.steps, pct_start=0.1
+        optimiser,
+        config.learning_rate,
+        total_steps=config.steps,
+        pct_start=_WARM_UP_SHARE if config.steps > _SHORTEST_WITH_WARM_UP else 0.0,
     )
     generator = torch.Generator().manual_seed(config.seed)
     started, errors = time.monotonic(), []
@@ -65,8 +76,11 @@ def train_refiner(
             model, batch, generator, device=config.device, bfloat16=config.bfloat16
         )
         sequence = model.refiner(window, template, mask, start, TRAINING_ITERATIONS)
+        loss = sequence_loss(sequence, truth)
+        if not math.isfinite(loss.item()):
+            raise TrainingDivergedError(f"the refiner's loss is no longer finite at step {step}")
         optimiser.zero_grad(set_to_none=True)
-        sequence_loss(sequence, truth).backward()  # type: ignore[no-untyped-call]
+        loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(model.refiner.parameters(), 1.0)
         optimiser.step()
         schedule.step()
