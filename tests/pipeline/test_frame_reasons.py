@@ -168,13 +168,19 @@ def test_an_estimator_that_repeats_the_prior_gives_the_prior(flight: PosedFlight
 
 
 def test_convention_a_shift_in_the_window_is_a_shift_on_the_ground(flight: PosedFlight) -> None:
-    still = judged(flight, np.zeros(2))
-    moved = judged(flight, np.array([6.0, -3.0]))
+    still = judged(flight, np.zeros(2), gsd_m=0.5)
+    moved = judged(flight, np.array([12.0, -6.0]), gsd_m=0.5)
     assert isinstance(still, Fix)
     assert isinstance(moved, Fix)
     assert moved.offset_m == pytest.approx(math.hypot(6.0, 3.0), rel=1e-3)
     assert moved.lon_deg > still.lon_deg
     assert moved.lat_deg > still.lat_deg
+
+
+def test_an_answer_that_is_not_on_earth_is_rejected(flight: PosedFlight) -> None:
+    fix = judged(flight, np.array([1e12, 0.0]))
+    assert isinstance(fix, Fix)
+    assert not fix.accepted
 
 
 def test_views_that_disagree_make_a_frame_uncertain(flight: PosedFlight) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from posed_flight import (
+    HFOV_DEG,
     SEARCH_RADIUS_M,
     SIZE_PX,
     Pose,
@@ -20,7 +21,12 @@ from posed_flight import (
 )
 from small_flight import MAP_CRS, MAP_GSD_M
 
-from uasthn_cli.config import Aggregation, CropTtaConfig
+from uasthn_cli.config import (
+    MAX_MAP_ENLARGEMENT,
+    THERMAL_WIDTH_PX,
+    Aggregation,
+    CropTtaConfig,
+)
 from uasthn_cli.errors import NoPositionError
 from uasthn_cli.geometry.geodesy import distance_m, is_geographic
 from uasthn_cli.matching.ncc import NccChannel, NccEstimator
@@ -53,6 +59,11 @@ def errors_m(fix: Fix, pose: Pose, mount_yaw_deg: float = 0.0) -> dict[str, floa
         "center": float(distance_m(np.array([fix.center_lat_deg, fix.center_lon_deg]), center)),
         "corners": float(distance_m(fix.corners_deg, np.array(corners)).max()),
     }
+
+
+def footprint_m(height_m: float) -> float:
+    """Return how wide a nadir frame is on the ground."""
+    return 2.0 * height_m * math.tan(math.radians(HFOV_DEG) / 2.0)
 
 
 def encode_all(results: list[FrameResult]) -> list[str]:
@@ -167,11 +178,19 @@ def test_timings_name_the_stages(run: Run, fixes: list[Fix]) -> None:
 def test_a_run_tells_what_was_chosen(run: Run) -> None:
     described = run.describe()
     assert described["estimator"] == "ncc"
-    assert described["map_gsd_m"] == pytest.approx(MAP_GSD_M, rel=1e-3)
+    assert described["map_gsd_m"] == pytest.approx(footprint_m(100.0) / THERMAL_WIDTH_PX, rel=1e-3)
     assert described["height_source"]
     assert described["time_base"]["why"]
     assert not is_geographic(run.map_crs)
     assert MAP_CRS.removeprefix("EPSG:") in run.map_crs
+
+
+def test_a_coarse_map_is_enlarged_only_so_far(tmp_path: Path) -> None:
+    low = make_posed_flight(tmp_path, (Pose(180.0, 170.0, height_m=40.0),))
+    with opened(low) as run:
+        found_m = run.describe()["map_gsd_m"]
+    assert footprint_m(40.0) / THERMAL_WIDTH_PX < MAP_GSD_M / MAX_MAP_ENLARGEMENT
+    assert found_m == pytest.approx(MAP_GSD_M / MAX_MAP_ENLARGEMENT, rel=1e-3)
 
 
 def test_an_estimator_can_be_given(flight: PosedFlight) -> None:
