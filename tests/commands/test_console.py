@@ -103,3 +103,10 @@ def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     captured = capsys.readouterr()
     assert captured.err == ""
     assert captured.out == ""
+
+
+def test_a_job_with_lines_of_its_own_gets_no_others(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress("training", 10, plain_lines=False) as advance:
+        for step in range(10):
+            advance(step + 1)
+    assert capsys.readouterr().err == ""

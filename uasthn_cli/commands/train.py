@@ -195,6 +195,8 @@ def _train(run: "TrainingRun", steps: int) -> None:
 
 
 def _refine(run: "TrainingRun", steps: int) -> None:
+    if steps == 0:
+        return
     with progress("training the refiner", steps, plain_lines=False) as advance:
         for report in run.refine():
             advance(report.step)
