@@ -133,6 +133,16 @@ def test_without_any_map_there_is_no_belief() -> None:
     assert estimate.confidence == 0.0
 
 
+def test_nothing_is_found_beyond_the_reach_of_the_window() -> None:
+    corner_px = (GREY.shape[1] - SIZE_PX[0] - 2, 2)
+    thermal, window = thermal_cut(GREY, corner_px, SIZE_PX), map_window(GREY)
+    reach = (GREY.shape[0] - SIZE_PX[1]) / 2
+    origin = centred_origin(window, thermal)
+    assert np.hypot(*(np.array(corner_px) - origin)) > reach
+    found = locate(window, thermal).corners_px[0, 0, 0]
+    assert np.hypot(*(found - origin)) <= reach + STRIDE_PX
+
+
 def test_half_a_window_is_encoded_like_the_whole() -> None:
     """Tiles rely on it: a tile's features do not depend on what lies beyond its halo."""
     torch.manual_seed(0)

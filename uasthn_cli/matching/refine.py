@@ -10,6 +10,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
 from torch import Tensor, nn
 
+from uasthn_cli.geometry.corners import DegenerateHomographyError
 from uasthn_cli.matching.correlate import normalise_template
 
 RADIUS_CELLS = 4
@@ -130,14 +131,21 @@ def _patch_mean(x: Tensor) -> Tensor:
 
 
 def homography(source: Tensor, target: Tensor) -> Tensor:
-    """Return ``H`` ``(B, 3, 3)`` from corners ``(B, 4, 2)`` to corners by the DLT."""
+    """Return ``H`` ``(B, 3, 3)`` from corners ``(B, 4, 2)`` to corners by the DLT.
+
+    Raises:
+        DegenerateHomographyError: the corners do not define a homography.
+    """
     x, y = source[..., 0], source[..., 1]
     u, v = target[..., 0], target[..., 1]
     one, zero = torch.ones_like(x), torch.zeros_like(x)
     rows_u = torch.stack([x, y, one, zero, zero, zero, -x * u, -y * u], dim=-1)
     rows_v = torch.stack([zero, zero, zero, x, y, one, -x * v, -y * v], dim=-1)
     A, b = torch.cat([rows_u, rows_v], dim=1), torch.cat([u, v], dim=1)
-    h = torch.linalg.solve(A.double(), b.double()[..., None])[..., 0]
+    try:
+        h = torch.linalg.solve(A.double(), b.double()[..., None])[..., 0]
+    except torch.linalg.LinAlgError as error:
+        raise DegenerateHomographyError("three refined corners lie on one line") from error
     H = torch.cat([h, torch.ones_like(h[:, :1])], dim=1).view(-1, 3, 3)
     return H.to(source.dtype)
 

@@ -13,7 +13,13 @@ from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_templa
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.networks import HALO_PX, STRIDE_PX, XcorrModel
 from uasthn_cli.matching.refine import ITERATIONS
-from uasthn_cli.matching.search import MIN_OVERLAP, best_shift, posterior_mass, view_masks
+from uasthn_cli.matching.search import (
+    MIN_OVERLAP,
+    best_shift,
+    posterior_mass,
+    view_masks,
+    within_reach,
+)
 from uasthn_cli.matching.symmetries import encode_symmetric
 from uasthn_cli.matching.weights import BUNDLED_XCORR, load_xcorr
 from uasthn_cli.types import Estimate, FloatArray, MapFeatures, MapWindow, Ortho
@@ -60,8 +66,10 @@ class XcorrEstimator:
         encoded, masks = self._encode_views(thermal, views_px)
         scores = self._scores(features, encoded, masks)
         overlap = self._overlap(features, masks)
-        scores = np.where(overlap >= MIN_OVERLAP, scores, -np.inf)
-        shifts = np.stack([best_shift(view) for view in scores])
+        prior_shift = origin_px / STRIDE_PX
+        allowed = (overlap >= MIN_OVERLAP) & within_reach(scores.shape[1:], prior_shift)
+        scores = np.where(allowed, scores, -np.inf)
+        shifts = np.stack([best_shift(view, otherwise=prior_shift) for view in scores])
         found = views_px + shifts[:, None] * STRIDE_PX
         refined = self._refine(features, encoded, masks, shifts, views_px)
         confidence = posterior_mass(scores[0], shifts[0], STRIDE_PX * thermal.gsd_m)
