@@ -142,10 +142,10 @@ def homography(source: Tensor, target: Tensor) -> Tensor:
     rows_u = torch.stack([x, y, one, zero, zero, zero, -x * u, -y * u], dim=-1)
     rows_v = torch.stack([zero, zero, zero, x, y, one, -x * v, -y * v], dim=-1)
     A, b = torch.cat([rows_u, rows_v], dim=1), torch.cat([u, v], dim=1)
-    try:
-        h = torch.linalg.solve(A.double(), b.double()[..., None])[..., 0]
-    except torch.linalg.LinAlgError as error:
-        raise DegenerateHomographyError("three refined corners lie on one line") from error
+    solution, failed = torch.linalg.solve_ex(A.double(), b.double()[..., None])
+    if bool(failed.any()):
+        raise DegenerateHomographyError("three refined corners lie on one line")
+    h: Tensor = solution[..., 0]
     H = torch.cat([h, torch.ones_like(h[:, :1])], dim=1).view(-1, 3, 3)
     return H.to(source.dtype)
 
