@@ -54,3 +54,10 @@ def riesz_transform(image: ImageArray, azimuth_rad: float) -> ImageArray:
     kernel = 1j * (fx * np.cos(azimuth_rad) + fy * np.sin(azimuth_rad)) / frequency
     response = np.fft.irfft2(np.fft.rfft2(image) * kernel, s=image.shape)
     return np.asarray(response, dtype=np.float32)
+
+
+def resize_square(image: NDArray[Any], size_px: int) -> ImageArray:
+    """Return ``image`` at ``(size, size)``: by area when it shrinks, bilinear when it grows."""
+    method = cv2.INTER_AREA if image.shape[0] > size_px else cv2.INTER_LINEAR
+    resized = cv2.resize(image, (size_px, size_px), interpolation=method)
+    return np.asarray(resized, dtype=np.float32)

@@ -2,15 +2,13 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.synth.kinds import LandscapeKind
 from uasthn_cli.synth.landscape import render_landscape
-from uasthn_cli.training.fields import standardise
+from uasthn_cli.training.fields import resize_square, standardise
 from uasthn_cli.training.pseudo_thermal import thermal_from_colour
 from uasthn_cli.types import ImageArray
 
@@ -44,8 +42,8 @@ class RenderedLandscape:
         """Return the map by day and two views by night, each with some of the colours mixed in."""
         rgb, temperature = _landscape(self.index)
         rows, columns = slice(row_px, row_px + length_px), slice(column_px, column_px + length_px)
-        colour = _resize(rgb[rows, columns].astype(np.float32) / 255, size_px)
-        night = standardise(_resize(temperature[rows, columns].astype(np.float32), size_px))
+        colour = resize_square(rgb[rows, columns].astype(np.float32) / 255, size_px)
+        night = standardise(resize_square(temperature[rows, columns].astype(np.float32), size_px))
         thermals = []
         for _ in range(2):
             view = night
@@ -53,11 +51,6 @@ class RenderedLandscape:
                 view = view + rng.uniform(0.0, 1.0) * thermal_from_colour(rng, colour)
             thermals.append(np.asarray(view, np.float32))
         return colour, thermals
-
-
-def _resize(image: NDArray[Any], size_px: int) -> ImageArray:
-    method = cv2.INTER_AREA if image.shape[0] > size_px else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(image, (size_px, size_px), interpolation=method), np.float32)
 
 
 @lru_cache(maxsize=LANDSCAPES)

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from glob import glob
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.errors import TrainingDataError
 from uasthn_cli.mapping.imagery import OverheadImage, read_overhead_tiles
-from uasthn_cli.training.fields import standardise
+from uasthn_cli.training.fields import resize_square, standardise
 from uasthn_cli.training.landscapes import LANDSCAPES, RenderedLandscape
 from uasthn_cli.training.places import Places
 from uasthn_cli.training.pseudo_thermal import thermal_from_colour
@@ -76,7 +75,7 @@ class ImageryScene:
 
         def crop(date: NDArray[np.uint8]) -> ImageArray:
             piece = date[row_px : row_px + length_px, column_px : column_px + length_px]
-            return _resize(piece.astype(np.float32) / 255, size_px)
+            return resize_square(piece.astype(np.float32) / 255, size_px)
 
         map_date, thermal_date = rng.integers(0, len(self.dates), 2)
         if rng.random() > _CHANGED_DATE_SHARE:
@@ -108,9 +107,9 @@ class RenderedSand:
         whole = _sand(self.index)
         rows, columns = slice(row_px, row_px + length_px), slice(column_px, column_px + length_px)
         piece = SandScene(
-            _resize(whole.rgb[rows, columns].astype(np.float32), size_px),
-            standardise(_resize(whole.height[rows, columns].astype(np.float32), size_px)),
-            _resize(whole.material[rows, columns].astype(np.float32), size_px),
+            resize_square(whole.rgb[rows, columns].astype(np.float32), size_px),
+            standardise(resize_square(whole.height[rows, columns].astype(np.float32), size_px)),
+            resize_square(whole.material[rows, columns].astype(np.float32), size_px),
         )
         return piece.rgb, [thermal_from_sand(rng, piece) for _ in range(2)]
 
@@ -218,12 +217,6 @@ def _as_scene(images: list[OverheadImage]) -> Scene:
     height = min(image.rgb.shape[0] for image in images)
     width = min(image.rgb.shape[1] for image in images)
     return ImageryScene(tuple(image.rgb[:height, :width] for image in images))
-
-
-def _resize(image: NDArray[Any], size_px: int) -> ImageArray:
-    method = cv2.INTER_AREA if image.shape[0] > size_px else cv2.INTER_LINEAR
-    resized = cv2.resize(image, (size_px, size_px), interpolation=method)
-    return np.asarray(resized, dtype=np.float32)
 
 
 @lru_cache(maxsize=SAND_SCENES)
