@@ -44,14 +44,14 @@ class NccEstimator:
 
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
         """Return one channel ``(1, h, w)``: what is correlated; 0 where not valid."""
-        return self._channel_of(window.image @ _LUMA, window.valid)[None]
+        return channel_image(luma(window.image), window.valid, self._channel)[None]
 
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
         """Return the best shift of each view inside the window; one iteration, no belief."""
-        template = self._channel_of(thermal.image, thermal.valid)
-        masks = view_masks(views_px, self._trusted(thermal.valid), 1)
+        template = channel_image(thermal.image, thermal.valid, self._channel)
+        masks = view_masks(views_px, _trusted(thermal.valid, self._channel), 1)
         image = _centred(features.values[0].astype(np.float32), features.valid)
         valid = features.valid.astype(np.float32)
         shifts = []
@@ -64,18 +64,25 @@ class NccEstimator:
         corners = views_px + np.stack(shifts)[:, None]
         return Estimate(corners[None], 1.0)
 
-    def _channel_of(self, grey: ImageArray, valid: BoolArray) -> ImageArray:
-        """Return what is correlated ``(h, w)``, 0 where it cannot be trusted."""
-        if self._channel is NccChannel.GRADIENT:
-            grey = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
-        return np.where(self._trusted(valid), grey, 0.0).astype(np.float32)
 
-    def _trusted(self, valid: BoolArray) -> BoolArray:
-        """Return the valid pixels; for gradients, those whose neighbours are valid as well."""
-        if self._channel is NccChannel.GREY:
-            return valid
-        square = np.ones((3, 3), np.uint8)
-        return cv2.erode(valid.astype(np.uint8), square, borderValue=1).astype(bool)
+def luma(rgb: ImageArray) -> ImageArray:
+    """Return the brightness ``(h, w)`` of a colour image ``(h, w, 3)``."""
+    return np.asarray(rgb @ _LUMA, dtype=np.float32)
+
+
+def channel_image(grey: ImageArray, valid: BoolArray, channel: NccChannel) -> ImageArray:
+    """Return what is correlated ``(h, w)``, 0 where it cannot be trusted."""
+    if channel is NccChannel.GRADIENT:
+        grey = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
+    return np.where(_trusted(valid, channel), grey, 0.0).astype(np.float32)
+
+
+def _trusted(valid: BoolArray, channel: NccChannel) -> BoolArray:
+    """Return the valid pixels; for gradients, those whose neighbours are valid as well."""
+    if channel is NccChannel.GREY:
+        return valid
+    square = np.ones((3, 3), np.uint8)
+    return cv2.erode(valid.astype(np.uint8), square, borderValue=1).astype(bool)
 
 
 def _centred(image: ImageArray, valid: BoolArray) -> ImageArray:

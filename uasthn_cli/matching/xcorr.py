@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from uasthn_cli.config import DEFAULT_SYMMETRIES
 from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px, transform_points
+from uasthn_cli.matching.appearance import CHANNELS, appearance_cells, appearance_scores
 from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template
 from uasthn_cli.matching.device import choose_device
+from uasthn_cli.matching.ncc import luma
 from uasthn_cli.matching.networks import HALO_PX, STRIDE_PX, XcorrModel
 from uasthn_cli.matching.refine import ITERATIONS
 from uasthn_cli.matching.search import (
@@ -42,7 +44,10 @@ class XcorrEstimator:
 
     @torch.inference_mode()
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
-        """Return map features ``(symmetries * C, h / 2, w / 2)``, zero where not valid."""
+        """Return map features ``(symmetries * C + 2, h / 2, w / 2)``, zero where not valid.
+
+        The last two are brightness and gradient.
+        """
         rgb = torch.from_numpy(window.image).permute(2, 0, 1)[None].to(self._device)
         valid = torch.from_numpy(window.valid).float()[None, None].to(self._device)
         mean = torch.tensor([window.statistics.mean], device=self._device)
@@ -52,8 +57,10 @@ class XcorrEstimator:
             return self._model.encode_satellite(image, mask, mean, deviation)
 
         features = encode_symmetric(encode, rgb, valid, self._symmetries)
-        masked: NDArray[np.float32] = (features * cell_mask(valid, STRIDE_PX))[0].cpu().numpy()
-        return masked
+        masked = (features * cell_mask(valid, STRIDE_PX))[0].cpu().numpy()
+        seen = appearance_cells(luma(window.image), window.valid, STRIDE_PX)
+        stacked: NDArray[np.float32] = np.concatenate([masked, seen])
+        return stacked
 
     @torch.inference_mode()
     def estimate(
@@ -64,7 +71,8 @@ class XcorrEstimator:
         The first iteration is the search's answer, the others the refiner's.
         """
         encoded, masks = self._encode_views(thermal, views_px)
-        scores = self._scores(features, encoded, masks)
+        scores = self._learned_scores(features, encoded, masks)
+        scores = scores + self._appearance_scores(features, thermal, masks)
         overlap = self._overlap(features, masks)
         prior_shift = origin_px / STRIDE_PX
         allowed = (overlap >= MIN_OVERLAP) & within_reach(scores.shape[1:], prior_shift)
@@ -86,13 +94,25 @@ class XcorrEstimator:
         masks = torch.from_numpy(view_masks(views_px, cells, STRIDE_PX))[:, None]
         return encoded, masks.to(self._device)
 
-    def _scores(
+    def _learned_scores(
         self, features: MapFeatures, encoded: torch.Tensor, masks: torch.Tensor
     ) -> FloatArray:
         """Return log-posterior scores ``(N, rows, columns)`` of every shift."""
         templates = normalise_template(encoded.expand(len(masks), -1, -1, -1), masks)
-        window = torch.from_numpy(features.values).to(self._device, torch.float32)[None]
+        learned = features.values[: -len(CHANNELS)]
+        window = torch.from_numpy(learned).to(self._device, torch.float32)[None]
         scores = correlate(window, templates[None], masks[None])[0] * self._temperature
+        return scores.double().cpu().numpy()
+
+    def _appearance_scores(
+        self, features: MapFeatures, thermal: Ortho, masks: torch.Tensor
+    ) -> FloatArray:
+        """Return what brightness and gradient say of every shift ``(N, rows, columns)``."""
+        window = torch.from_numpy(features.values[-len(CHANNELS) :]).to(self._device, torch.float32)
+        valid = torch.from_numpy(features.valid).to(self._device, torch.float32)
+        cells = appearance_cells(thermal.image, thermal.valid, STRIDE_PX)
+        template = torch.from_numpy(cells).to(self._device)
+        scores = appearance_scores(window, valid, template, masks[:, 0])
         return scores.double().cpu().numpy()
 
     def _refine(
