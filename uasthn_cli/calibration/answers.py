@@ -1,7 +1,7 @@
 """Answers with known errors, as arrays: what models are fitted to and promises tested on."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,10 @@ class Answers:
             own = self.flight == flight
             order_in_flight[own] = np.arange(own.sum())
         return self.rows(order_in_flight % every == 0)
+
+    def as_one_flight(self) -> "Answers":
+        """Return the same frames without regard to flights, to be dealt one by one."""
+        return replace(self, flight=np.zeros_like(self.flight))
 
     def halves(self, seed: int) -> tuple["Answers", "Answers"]:
         """Return two halves that share no frame and, where there are several flights, no flight.

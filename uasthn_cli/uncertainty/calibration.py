@@ -57,7 +57,8 @@ class Calibration:
 
     def to_json(self) -> dict[str, Any]:
         """Return the calibration in the types of JSON."""
-        return {"format": FORMAT, **asdict(self)}
+        document: dict[str, Any] = json.loads(json.dumps({"format": FORMAT, **asdict(self)}))
+        return document
 
     @classmethod
     def from_json(cls, document: Any, where: str = "calibration") -> "Calibration":
