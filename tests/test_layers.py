@@ -13,7 +13,7 @@ LAYERS = (
     {"geometry"},
     {"ingest", "mapping", "matching", "uncertainty", "outputs", "report"},
     {"pipeline"},
-    {"synth"},
+    {"synth", "calibration"},
     {"training"},
     {"commands"},
     {"__main__"},

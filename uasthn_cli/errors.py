@@ -109,6 +109,12 @@ class TrainingDivergedError(UasthnError):
     exit_code = 24
 
 
+class CalibrationError(UasthnError):
+    """A calibration file is missing or damaged, or frames do not suffice to make one."""
+
+    exit_code = 25
+
+
 class RunInterruptedError(UasthnError):
     """Ctrl-C stopped a run that goes on when the same command is given again."""
 

@@ -19,6 +19,7 @@ UNEXPECTED_EXIT_CODE: Final = 1
 COMMANDS: Final = {
     "geotag": "uasthn_cli.commands.geotag:geotag",
     "report": "uasthn_cli.commands.report:report",
+    "calibrate": "uasthn_cli.commands.calibrate:calibrate",
     "demo": "uasthn_cli.commands.demo:demo",
     "train": "uasthn_cli.commands.train:train",
     "synth": "uasthn_cli.commands.synth:synth",

@@ -1,0 +1,1 @@
+"""Workshop: from finished runs with known positions to a calibration file."""

@@ -1,0 +1,95 @@
+"""Answers with known errors, as arrays: what models are fitted to and promises tested on."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uasthn_cli.types import BoolArray, FloatArray
+from uasthn_cli.uncertainty.risk_model import SIGNALS
+
+IndexArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """One kind of answer (single-frame or fused), a row per frame, in the order of the tables.
+
+    ``flight`` ``(n,)`` numbers the results folders; ``error_m`` ``(n,)`` is NaN where there is no
+    answer. ``acceptable`` ``(n,)`` is false where no risk model is asked: no answer, or corners
+    that are impossible. ``ce90_m`` ``(n,)`` is the predicted 90 % radius before any scale, and
+    ``signals`` holds every known signal ``(n,)``; NaN where a cell is empty.
+    """
+
+    flight: IndexArray
+    error_m: FloatArray
+    acceptable: BoolArray
+    ce90_m: FloatArray
+    signals: Mapping[str, FloatArray]
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.flight)
+
+    def rows(self, chosen: IndexArray | BoolArray) -> "Answers":
+        """Return some of the frames."""
+        return Answers(
+            flight=self.flight[chosen],
+            error_m=self.error_m[chosen],
+            acceptable=self.acceptable[chosen],
+            ce90_m=self.ce90_m[chosen],
+            signals={name: values[chosen] for name, values in self.signals.items()},
+        )
+
+    def is_error(self, tolerance_m: float) -> BoolArray:
+        """Tell ``(n,)`` which answers lie beyond a tolerance; no answer is beyond any."""
+        return ~(self.error_m <= tolerance_m)
+
+    def thinned(self, every: int) -> "Answers":
+        """Return every n-th frame of each flight, so that neighbours are farther apart."""
+        order_in_flight = np.empty(len(self), dtype=np.intp)
+        for flight in np.unique(self.flight):
+            own = self.flight == flight
+            order_in_flight[own] = np.arange(own.sum())
+        return self.rows(order_in_flight % every == 0)
+
+    def as_one_flight(self) -> "Answers":
+        """Return the same frames without regard to flights, to be dealt one by one."""
+        return replace(self, flight=np.zeros_like(self.flight))
+
+    def halves(self, seed: int) -> tuple["Answers", "Answers"]:
+        """Return two halves that share no frame and, where there are several flights, no flight.
+
+        Which goes where is drawn from the seed; whole flights are dealt so that the first half is
+        as near to half of the frames as their order allows.
+        """
+        rng = np.random.default_rng(seed)
+        flights, sizes = np.unique(self.flight, return_counts=True)
+        if flights.size < 2:
+            is_first = rng.permutation(len(self)) < len(self) // 2
+        else:
+            order = rng.permutation(flights.size)
+            ends = np.cumsum(sizes[order])[:-1]
+            count = 1 + int(np.argmin(np.abs(ends - len(self) / 2)))
+            is_first = np.isin(self.flight, flights[order[:count]])
+        return self.rows(is_first), self.rows(~is_first)
+
+
+@dataclass(frozen=True, slots=True)
+class RunAnswers:
+    """Single-frame and fused answers of some runs; ``fused`` is None where none was fused."""
+
+    single: Answers
+    fused: Answers | None
+
+
+def joined(parts: Sequence[Answers]) -> Answers:
+    """Return the frames of at least one table below each other."""
+    return Answers(
+        flight=np.concatenate([part.flight for part in parts]),
+        error_m=np.concatenate([part.error_m for part in parts]),
+        acceptable=np.concatenate([part.acceptable for part in parts]),
+        ce90_m=np.concatenate([part.ce90_m for part in parts]),
+        signals={name: np.concatenate([part.signals[name] for part in parts]) for name in SIGNALS},
+    )
