@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from uasthn_cli.report.load import FrameRow, RunResults
+from uasthn_cli.report.load import RunResults
+from uasthn_cli.report.rows import FrameRow
 
 FIVE_ROWS = (
     FrameRow("a.png", True, True, True, "", ce_m=4.0, mace_m=6.0, prior_ce_m=40.0),

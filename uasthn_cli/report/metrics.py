@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from uasthn_cli.report.load import FrameRow, RunResults
+from uasthn_cli.report.load import RunResults
+from uasthn_cli.report.rows import FrameRow
 from uasthn_cli.types import BoolArray, FloatArray
 
 DEFAULT_TOLERANCE_M: Final = 25.0
