@@ -1,5 +1,6 @@
 import io
 import sys
+import warnings
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -55,6 +56,12 @@ def test_only_what_there_is_is_drawn() -> None:
     assert drawn(make_run(*with_signal[:1])) == {"errors", "risk-coverage"}
     with_risk = [replace(row, risk=0.5) for row in FIVE_ROWS]
     assert drawn(make_run(*with_risk)) == set(NEEDS)
+
+
+def test_a_radius_and_an_error_of_nothing_are_drawn() -> None:
+    rows = [replace(row, ce90_m=0.0, ce_m=float(k)) for k, row in enumerate(FIVE_ROWS[:2])]
+    with warnings.catch_warnings(action="error"):
+        assert drawn(make_run(*rows)) == {"errors"}
 
 
 def test_names_that_look_like_formulas_or_have_no_end_are_drawn() -> None:

@@ -229,7 +229,8 @@ def _draw_ratios(axes: Axes, answers: JudgedAnswers, has_radius: BoolArray) -> N
         ce_m, ce90_m = answers.ce_m[chosen], answers.ce90_m[chosen]
         share = radius_coverage(ce_m, ce90_m)
         if share is not None:
-            ratio = np.minimum(ce_m / ce90_m, 2.0 * _RATIO_SHOWN)
+            ratio = ce_m / np.maximum(ce90_m, np.finfo(np.float64).tiny)
+            ratio = np.minimum(ratio, 2.0 * _RATIO_SHOWN)
             axes.ecdf(ratio, label=f"{label}: {share:.1%} within CE90", **style)
     ratio = np.linspace(0.0, _RATIO_SHOWN, 200)
     normal = "circular normal errors: 90 %"
