@@ -24,6 +24,7 @@ HOMES = {
     "pyproj": ("geometry/geodesy.py",),
     "pymavlink": ("ingest/mavlink.py",),
     "rasterio": ("mapping/", "synth/"),
+    "matplotlib": ("report/figures.py",),
     "torch": ("matching/", "training/"),
     "click": ("commands/",),
     "rich": ("commands/",),

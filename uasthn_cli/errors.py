@@ -115,6 +115,12 @@ class CalibrationError(UasthnError):
     exit_code = 25
 
 
+class MissingExtraError(UasthnError):
+    """What was asked for needs an optional dependency that is not installed."""
+
+    exit_code = 26
+
+
 class RunInterruptedError(UasthnError):
     """Ctrl-C stopped a run that goes on when the same command is given again."""
 

@@ -3,12 +3,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frame_results import make_failure, make_fix, make_record, make_rejected, truth_table
-from report_runs import FIVE_ROWS, write_folder
+from report_runs import FIVE_ROWS, fused_rows, make_run, write_folder
 
 from uasthn_cli.errors import ResultsError
 from uasthn_cli.outputs.run_writer import write_run
 from uasthn_cli.outputs.truth import read_truth
-from uasthn_cli.report.load import load_run
+from uasthn_cli.report.load import load_run, single_frame_run
 from uasthn_cli.types import FrameResult
 
 
@@ -41,6 +41,63 @@ def test_truth_columns_may_be_absent(tmp_path: Path) -> None:
     run = load_run(write_folder(tmp_path / "out", with_truth=False))
     assert (run.has_truth, run.has_prior_error) == (False, False)
     assert np.isnan([row.ce_m for row in run.rows]).all()
+
+
+def test_fused_and_single_answers_are_read(tmp_path: Path) -> None:
+    written = fused_rows(3)
+    run = load_run(write_folder(tmp_path / "out", written))
+    single = single_frame_run(run)
+    assert single is not None
+    assert [row.source for row in run.rows] == ["fix", "flight", "fix"]
+    for found, expected in zip(
+        [*run.rows, *single.rows], [*written, *(row.single for row in written)], strict=True
+    ):
+        assert expected is not None
+        assert (found.has_estimate, found.accepted) == (True, expected.accepted)
+        for name in ("ce_m", "confidence", "entropy", "sigma_m", "u_m", "risk", "ce90_m"):
+            assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=5e-4)
+    assert np.isnan([row.agreement_m for row in run.rows]).all()
+
+
+def test_a_frame_that_alone_has_no_answer(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "out", fused_rows(2))
+    table = (folder / "frames.csv").read_text(encoding="utf-8").splitlines()
+    names = table[0].split(",")
+    cells = table[1].split(",")
+    emptied = [
+        "" if name.startswith("single_") else cell for name, cell in zip(names, cells, strict=True)
+    ]
+    text = "\n".join([table[0], ",".join(emptied), table[2]]) + "\n"
+    (folder / "frames.csv").write_text(text, encoding="utf-8")
+    single = single_frame_run(load_run(folder))
+    assert single is not None
+    assert [row.has_estimate for row in single.rows] == [False, True]
+    assert not single.rows[0].accepted
+
+
+def test_nothing_fused_has_no_single_frames() -> None:
+    assert single_frame_run(make_run()) is None
+
+
+@pytest.mark.parametrize(
+    ("column", "cell", "message"),
+    [
+        ("risk", "1.5", r"frames\.csv:2: risk is '1\.5', expected 0 to 1"),
+        ("single_risk", "-0.1", "single_risk is '-0.1', expected 0 to 1"),
+        ("entropy", "high", "entropy is 'high', expected a number"),
+        ("single_ce90_m", "far", "single_ce90_m is 'far', expected metres"),
+        ("single_accepted", "yes", "single_accepted is 'yes', expected true or false"),
+    ],
+)
+def test_bad_cells_of_trust_are_refused(
+    tmp_path: Path, column: str, cell: str, message: str
+) -> None:
+    path = write_folder(tmp_path / "out", fused_rows(1)) / "frames.csv"
+    header, row = (line.split(",") for line in path.read_text(encoding="utf-8").splitlines())
+    row[header.index(column)] = cell
+    path.write_text(",".join(header) + "\n" + ",".join(row) + "\n", encoding="utf-8")
+    with pytest.raises(ResultsError, match=message):
+        load_run(tmp_path / "out")
 
 
 def damaged(folder: Path, name: str, old: str, new: str) -> Path:

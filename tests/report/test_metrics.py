@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from report_runs import FIVE_ROWS, make_run
 
 from uasthn_cli.report.baseline import prior_accuracy
-from uasthn_cli.report.load import FrameRow, RunResults
+from uasthn_cli.report.load import RunResults
 from uasthn_cli.report.metrics import Accuracy, ErrorStatistics, summarise
+from uasthn_cli.report.rows import FrameRow
 
 NOTHING = ErrorStatistics(None, None, None)
 

@@ -2,17 +2,26 @@ import json
 import math
 from dataclasses import replace
 
-from report_runs import FIVE_ROWS, make_run
+from report_runs import FIVE_ROWS, fused_rows, make_run
 
 from uasthn_cli.report.baseline import prior_accuracy
-from uasthn_cli.report.load import RunResults
+from uasthn_cli.report.load import RunResults, single_frame_run
 from uasthn_cli.report.metrics import summarise
 from uasthn_cli.report.render import ReportColumn, report_json, report_table
+from uasthn_cli.report.trust_summary import summarise_trust
 
 
 def column(run: RunResults, with_prior: bool = False) -> ReportColumn:
     prior = prior_accuracy(run) if with_prior else None
-    return ReportColumn(run.name, run.version, summarise(run), prior)
+    single = single_frame_run(run)
+    return ReportColumn(
+        run.name,
+        run.version,
+        summarise(run),
+        prior,
+        summarise_trust(run),
+        column(single) if single else None,
+    )
 
 
 def as_dict(rows: list[list[str]], index: int) -> dict[str, str]:
@@ -73,8 +82,10 @@ def test_json_has_the_same_keys_whatever_is_known() -> None:
     assert list(full) == list(empty) == list(plain)
     assert list(full) == [
         *("run", "version", "frames", "with_estimate", "accepted", "accepted_fraction"),
-        *("reasons", "tolerance_m", "accuracy", "baseline_prior"),
+        *("reasons", "sources", "tolerance_m", "accuracy", "baseline_prior", "trust", "single"),
     ]
+    assert list(full["trust"]) == list(empty["trust"])
+    assert plain["trust"] is full["single"] is None
     assert list(full["accuracy"]) == list(empty["accuracy"]) == list(full["baseline_prior"])
     assert full["accuracy"]["ce_accepted"] == {"mean_m": 17.0, "median_m": 17.0, "p90_m": 27.4}
     assert empty["accuracy"]["ce_accepted"] == {"mean_m": None, "median_m": None, "p90_m": None}
@@ -87,3 +98,49 @@ def test_estimates_without_truth_are_owned_up_to() -> None:
     rows = report_table([column(make_run(unlisted, *FIVE_ROWS[1:]))])
     assert as_dict(rows, 1)["estimates without truth"] == "1"
     assert "estimates without truth" not in as_dict(report_table([column(make_run())]), 1)
+
+
+def test_fused_and_single_answers_stand_under_each_other() -> None:
+    run = make_run(*fused_rows())
+    cells = as_dict(report_table([column(run)]), 1)
+    single = single_frame_run(run)
+    assert single is not None
+    alone = as_dict(report_table([column(single)]), 1)
+    labels = [label for label in cells if label.startswith("single: ")]
+    assert labels == [
+        "single: accepted fraction",
+        *("single: CE median, all [m]", "single: CE 90 %, all [m]"),
+        *("single: CE median, accepted [m]", "single: CE 90 %, accepted [m]"),
+        *("single: within 25 m, all", "single: within 25 m, accepted"),
+    ]
+    assert all(cells[label] == alone[label.removeprefix("single: ")] for label in labels)
+    assert float(cells["within 25 m, all"]) > float(cells["single: within 25 m, all"])
+
+
+def test_trust_is_shown_when_asked_for() -> None:
+    fused, plain = make_run(*fused_rows()), make_run(name="plain")
+    columns = [column(fused), column(plain), column(make_run(has_truth=False))]
+    rows = report_table(columns, with_trust=True)
+    cells, others, untrue = (as_dict(rows, k) for k in (1, 2, 3))
+    assert (cells["source: fix"], cells["source: flight"]) == ("30", "30")
+    trust = columns[0].trust
+    assert trust is not None
+    assert cells["judged, beyond 25 m"] == f"{trust.beyond_tolerance} of 60"
+    assert cells["AUC of risk"] == f"{trust.signals['risk'].auc:.3f}"
+    assert cells["AURC by risk"] == f"{trust.signals['risk'].aurc:.3f}"
+    assert cells["CE90 coverage, all"] == f"{trust.ce90_coverage_all:.3f}"
+    assert cells["calibration error of risk"] == f"{trust.expected_calibration_error:.3f}"
+    assert cells["single: AUC of risk"] != cells["AUC of risk"]
+    assert "AUC of agreement_m" not in cells  # no run has it
+    assert others["judged, beyond 25 m"] == "2 of 3"
+    assert others["AUC of risk"] == others["single: AUC of risk"] == others["source: fix"] == "-"
+    assert untrue["judged, beyond 25 m"] == untrue["AUC of risk"] == "-"
+    assert "AUC of risk" not in as_dict(report_table(columns), 1)
+
+
+def test_a_figure_of_some_answers_says_of_how_many() -> None:
+    rows = fused_rows()
+    rows = (replace(rows[0], risk=math.nan), *rows[1:])
+    cells = as_dict(report_table([column(make_run(*rows))], with_trust=True), 1)
+    assert cells["AUC of risk"].endswith(" (of 59)")
+    assert "of" not in cells["AUC of confidence"]

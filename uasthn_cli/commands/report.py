@@ -22,12 +22,15 @@ _EXAMPLES: Final = """\
 \b
 What did the wider search gain, and what over the GPS alone?
   uasthn report out/radius200 out/radius450 --baseline prior
+Which signals of uncertainty tell wrong answers from good ones, in numbers and pictures?
+  uasthn report out/today --trust --figures out/today_figures
 In cron: keep the figures, speak up only when the flight went badly
 (a gate that needs truth is missed by a run without):
   uasthn report out/today --json --min-accepted 0.5 --max-ce 25 > today.json
 """
 
 figure_option = section_option("Figures")
+picture_option = section_option("Pictures (need `pip install 'uasthn[figures]'`)")
 gate_option = section_option("Gates (exit code 4 when one is missed)")
 
 
@@ -52,6 +55,29 @@ gate_option = section_option("Gates (exit code 4 when one is missed)")
     help="Show beside each run what the GPS prior alone would have given on the same frames:"
     " the distance of its camera position from the true one.",
 )
+@figure_option(
+    "--trust",
+    "with_trust",
+    is_flag=True,
+    help="Show also how well the stated uncertainties tell wrong answers: area under the ROC (AUC)"
+    " and under the risk-coverage curve (AURC) per signal, coverage of the predicted CE90,"
+    " calibration error of the predicted risk. --json always has them.",
+)
+@picture_option(
+    "--figures",
+    "figures_folder",
+    type=click.Path(path_type=Path),
+    metavar="OUTDIR",
+    help="Draw risk-coverage, ROC, reliability and errors of each run into this folder.",
+)
+@picture_option(
+    "--figure-format",
+    type=click.Choice(["png", "svg"]),
+    default="png",
+    show_default=True,
+    help="Format of the pictures.",
+)
+@picture_option("--overwrite", is_flag=True, help="Replace pictures that are in OUTDIR.")
 @gate_option(
     "--min-accepted",
     type=_FRACTION,
@@ -70,14 +96,33 @@ gate_option = section_option("Gates (exit code 4 when one is missed)")
     metavar="SHARE",
     help="Least share of accepted frames with a CE of at most 25 m, whatever --tolerance-m says.",
 )
+@gate_option(
+    "--max-risk",
+    type=_FRACTION,
+    metavar="SHARE",
+    help="Largest share of accepted frames with a CE beyond --tolerance-m.",
+)
+@gate_option(
+    "--min-ce90-coverage",
+    type=_FRACTION,
+    metavar="SHARE",
+    help="Least share of accepted frames with a CE within their predicted CE90; 0.9 if the"
+    " prediction is right.",
+)
 def report(
     folders: tuple[Path, ...],
     as_json: bool,
     tolerance_m: float,
     baseline: str | None,
+    with_trust: bool,
+    figures_folder: Path | None,
+    figure_format: str,
+    overwrite: bool,
     min_accepted: float | None,
     max_ce: float | None,
     min_within25: float | None,
+    max_risk: float | None,
+    min_ce90_coverage: float | None,
 ) -> None:
     """Summarise finished runs: DIR is what `uasthn geotag --out` wrote.
 
@@ -88,49 +133,73 @@ def report(
     """
     from uasthn_cli.report.gates import Gates, missed_gates
 
-    runs = print_report(folders, tolerance_m, baseline == "prior", as_json)
-    gates = Gates(min_accepted=min_accepted, max_ce_m=max_ce, min_within25=min_within25)
-    missed = [phrase for run in runs for phrase in missed_gates(run, gates)]
+    figures = None
+    if figures_folder is not None:  # before anything is printed: it may lack matplotlib
+        from uasthn_cli.commands.report_figures import FigureFolder
+
+        figures = FigureFolder(figures_folder, figure_format, overwrite)
+    runs = print_report(folders, tolerance_m, baseline == "prior", as_json, with_trust)
+    if figures is not None:
+        figures.write(folders, runs, tolerance_m)
+    gates = Gates(min_accepted, max_ce, min_within25, max_risk, min_ce90_coverage)
+    missed = [phrase for run in runs for phrase in missed_gates(run, gates, tolerance_m)]
     if missed:
         raise GateMissedError("; ".join(missed))
 
 
 def print_report(
-    folders: Sequence[Path], tolerance_m: float, with_prior: bool, as_json: bool = False
+    folders: Sequence[Path],
+    tolerance_m: float,
+    with_prior: bool,
+    as_json: bool = False,
+    with_trust: bool = False,
 ) -> "list[RunResults]":
     """Print results folders side by side on stdout and return them.
 
     Raises:
         ResultsError: a folder holds no finished run.
     """
-    from uasthn_cli.report.baseline import prior_accuracy
     from uasthn_cli.report.load import load_run
-    from uasthn_cli.report.metrics import summarise
-    from uasthn_cli.report.render import ReportColumn, report_json
+    from uasthn_cli.report.render import report_json, report_table
 
     runs = [load_run(folder) for folder in folders]
-    columns = []
-    for run in runs:
-        prior = prior_accuracy(run, tolerance_m) if with_prior else None
-        if with_prior and prior is None:
-            click.echo(f"{run.name}: no baseline, there are no true camera positions", err=True)
-        columns.append(ReportColumn(run.name, run.version, summarise(run, tolerance_m), prior))
+    columns = [_column(run, tolerance_m, with_prior) for run in runs]
     if as_json:
         click.echo(report_json(columns))
     else:
-        _print_table(columns)
+        _print_table(report_table(columns, with_trust))
     return runs
 
 
-def _print_table(columns: "Sequence[ReportColumn]") -> None:
+def _column(run: "RunResults", tolerance_m: float, with_prior: bool) -> "ReportColumn":
+    """Judge one run; on stderr, say that a baseline was asked for and cannot be had."""
+    from uasthn_cli.report.baseline import prior_accuracy
+    from uasthn_cli.report.load import single_frame_run
+    from uasthn_cli.report.metrics import summarise
+    from uasthn_cli.report.render import ReportColumn
+    from uasthn_cli.report.trust_summary import summarise_trust
+
+    prior = prior_accuracy(run, tolerance_m) if with_prior else None
+    if with_prior and prior is None:
+        click.echo(f"{run.name}: no baseline, there are no true camera positions", err=True)
+    single = single_frame_run(run)
+    return ReportColumn(
+        name=run.name,
+        version=run.version,
+        summary=summarise(run, tolerance_m),
+        prior=prior,
+        trust=summarise_trust(run, tolerance_m),
+        single=_column(single, tolerance_m, with_prior=False) if single else None,
+    )
+
+
+def _print_table(cells: list[list[str]]) -> None:
     """Print the table: as wide as the terminal, or uncut and uncoloured for a pipe or a file."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    from uasthn_cli.report.render import report_table
-
-    header, *rows = report_table(columns)
+    header, *rows = cells
     table = Table(show_edge=False, pad_edge=False)
     table.add_column(header[0])
     for name in header[1:]:

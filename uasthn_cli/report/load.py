@@ -2,34 +2,15 @@
 
 import csv
 import json
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 from uasthn_cli.errors import ResultsError
+from uasthn_cli.report.rows import FrameRow, parse_row
 
 _REQUIRED: Final = ("frame", "accepted", "reason", "lat", "lon", "prior_lat", "prior_lon")
-_ACCEPTED: Final = {"true": True, "false": False}
-
-
-@dataclass(frozen=True, slots=True)
-class FrameRow:
-    """What a report needs of one row; errors in metres, NaN where there is none.
-
-    ``ce_m`` and ``mace_m`` compare the estimate with truth, ``prior_ce_m`` the prior's camera
-    position with the true one.
-    """
-
-    frame: str
-    has_estimate: bool
-    has_prior: bool
-    accepted: bool
-    reason: str
-    ce_m: float
-    mace_m: float
-    prior_ce_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +39,7 @@ def load_run(folder: Path) -> RunResults:
             missing = [name for name in _REQUIRED if name not in columns]
             if missing:
                 raise ResultsError(f"{path}: column {', '.join(missing)} is missing")
-            rows = tuple(_parse(row, f"{path}:{reader.line_num}") for row in reader)
+            rows = tuple(parse_row(row, f"{path}:{reader.line_num}") for row in reader)
     except OSError as error:
         raise ResultsError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (UnicodeDecodeError, csv.Error) as error:
@@ -76,6 +57,14 @@ def load_run(folder: Path) -> RunResults:
         has_truth="ce_m" in columns and "mace_m" in columns,
         has_prior_error="prior_ce_m" in columns,
     )
+
+
+def single_frame_run(run: RunResults) -> RunResults | None:
+    """Return the run as it would be without fusion over frames; None where nothing was fused."""
+    singles = tuple(row.single for row in run.rows if row.single is not None)
+    if not singles:
+        return None
+    return replace(run, name=f"{run.name}, single frames", rows=singles)
 
 
 def _read_record(folder: Path) -> Mapping[str, Any]:
@@ -101,31 +90,3 @@ def _read_record(folder: Path) -> Mapping[str, Any]:
         raise ResultsError(f"{path}: not the record of a run (version or counts are missing)")
     checked: Mapping[str, Any] = record
     return checked
-
-
-def _parse(row: Mapping[str, str | None], where: str) -> FrameRow:
-    """Read one row; ``where`` names file and line in errors."""
-    accepted = row["accepted"] or ""
-    if accepted not in _ACCEPTED:
-        raise ResultsError(f"{where}: accepted is {accepted!r}, expected true or false")
-    return FrameRow(
-        frame=row["frame"] or "",
-        has_estimate=bool(row["lat"] and row["lon"]),
-        has_prior=bool(row["prior_lat"] and row["prior_lon"]),
-        accepted=_ACCEPTED[accepted],
-        reason=row["reason"] or "",
-        ce_m=_metres(row, "ce_m", where),
-        mace_m=_metres(row, "mace_m", where),
-        prior_ce_m=_metres(row, "prior_ce_m", where),
-    )
-
-
-def _metres(row: Mapping[str, str | None], column: str, where: str) -> float:
-    """Read an error in metres; NaN for an empty cell or an absent column."""
-    cell = row.get(column)
-    if not cell:
-        return math.nan
-    try:
-        return float(cell)
-    except ValueError as error:
-        raise ResultsError(f"{where}: {column} is {cell!r}, expected metres") from error

@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from uasthn_cli.report.load import FrameRow, RunResults
+from uasthn_cli.report.load import RunResults
+from uasthn_cli.report.rows import FrameRow
 from uasthn_cli.types import BoolArray, FloatArray
 
 DEFAULT_TOLERANCE_M: Final = 25.0
@@ -46,7 +47,8 @@ class Summary:
     """One run. ``accepted_fraction`` (of all frames) is what the paper calls success rate.
 
     ``reasons`` counts frames by the reason for which they were rejected or have no estimate;
-    ``accuracy`` is None for a run without truth.
+    ``sources`` counts estimates by where they come from; ``accuracy`` is None for a run without
+    truth.
     """
 
     frames: int
@@ -54,6 +56,7 @@ class Summary:
     accepted: int
     accepted_fraction: float | None
     reasons: Mapping[str, int]
+    sources: Mapping[str, int]
     tolerance_m: float
     accuracy: Accuracy | None
 
@@ -62,12 +65,14 @@ def summarise(run: RunResults, tolerance_m: float = DEFAULT_TOLERANCE_M) -> Summ
     """Summarise a run; ``tolerance_m`` is the CE up to which a frame counts as found."""
     accepted = _flags(run.rows, "accepted")
     reasons = Counter(row.reason for row in run.rows if row.reason)
+    sources = Counter(row.source for row in run.rows if row.source and row.has_estimate)
     return Summary(
         frames=len(run.rows),
         with_estimate=int(_flags(run.rows, "has_estimate").sum()),
         accepted=int(accepted.sum()),
         accepted_fraction=_share(accepted),
         reasons=dict(sorted(reasons.items())),
+        sources=dict(sorted(sources.items())),
         tolerance_m=tolerance_m,
         accuracy=_run_accuracy(run, tolerance_m) if run.has_truth else None,
     )

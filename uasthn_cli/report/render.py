@@ -6,19 +6,27 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from uasthn_cli.report.metrics import Accuracy, Summary
+from uasthn_cli.report.trust_summary import SIGNALS, SignalWorth, TrustSummary
 
 _NONE = "-"
+_SINGLE = "single: "
 _STATISTICS = {"mean_m": "mean", "median_m": "median", "p90_m": "90 %"}
 
 
 @dataclass(frozen=True, slots=True)
 class ReportColumn:
-    """One run in a report; ``prior`` is what the prior alone gave, if asked for and known."""
+    """One run in a report; ``prior`` is what the prior alone gave, if asked for and known.
+
+    ``trust`` is None for a run without truth; ``single`` holds the frames' own answers where the
+    run's are fused from several frames.
+    """
 
     name: str
     version: str
     summary: Summary
     prior: Accuracy | None = None
+    trust: TrustSummary | None = None
+    single: "ReportColumn | None" = None
 
 
 def report_json(columns: Sequence[ReportColumn]) -> str:
@@ -26,17 +34,25 @@ def report_json(columns: Sequence[ReportColumn]) -> str:
     return json.dumps([_json_object(column) for column in columns], indent=2, allow_nan=False)
 
 
-def report_table(columns: Sequence[ReportColumn]) -> list[list[str]]:
+def report_table(columns: Sequence[ReportColumn], with_trust: bool = False) -> list[list[str]]:
     """Return rows of cells, the first being the header: labels, then one column per run.
 
-    A run's column is followed by one for its prior, if there is any.
+    A run's column is followed by one for its prior, if there is any. ``with_trust`` adds what the
+    stated uncertainties are worth.
     """
     header = [""]
-    reasons = sorted({reason for column in columns for reason in column.summary.reasons})
+    signals = _stated_signals(columns)
     cells: list[dict[str, str]] = []
+    reasons = sorted({reason for column in columns for reason in column.summary.reasons})
     for column in columns:
         header.append(column.name)
-        cells.append(dict(_run_cells(column.summary, reasons)))
+        run = dict(_run_cells(column.summary, reasons))
+        if with_trust:
+            run |= {f"source: {name}": str(n) for name, n in column.summary.sources.items()}
+            run |= _trust_cells(column, signals)
+        if column.single is not None:
+            run |= _single_cells(column.single, signals if with_trust else None)
+        cells.append(run)
         if column.prior is not None:
             header.append(f"prior of {column.name}")
             cells.append(dict(_accuracy_cells(column.prior, column.summary.tolerance_m)))
@@ -46,12 +62,26 @@ def report_table(columns: Sequence[ReportColumn]) -> list[list[str]]:
 
 def _json_object(column: ReportColumn) -> dict[str, Any]:
     """Return the object of one run."""
+    single = column.single
     return {
         "run": column.name,
         "version": column.version,
         **asdict(column.summary),
         "baseline_prior": asdict(column.prior) if column.prior else None,
+        "trust": asdict(column.trust) if column.trust else None,
+        "single": single
+        and {**asdict(single.summary), "trust": asdict(single.trust) if single.trust else None},
     }
+
+
+def _stated_signals(columns: Sequence[ReportColumn]) -> list[str]:
+    """Return the signals that any answer of any run has."""
+    answers = [one for column in columns for one in (column, column.single) if one is not None]
+    return [
+        name
+        for name in SIGNALS
+        if any(one.trust is not None and one.trust.signals[name].answers for one in answers)
+    ]
 
 
 def _run_cells(summary: Summary, reasons: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -64,6 +94,43 @@ def _run_cells(summary: Summary, reasons: Sequence[str]) -> Iterator[tuple[str, 
         yield f"reason: {reason}", str(summary.reasons.get(reason, 0))
     if summary.accuracy is not None:
         yield from _accuracy_cells(summary.accuracy, summary.tolerance_m)
+
+
+def _single_cells(single: ReportColumn, signals: Sequence[str] | None) -> Iterator[tuple[str, str]]:
+    """Yield what each frame alone would have given; with its trust if ``signals`` are given."""
+    accuracy, tolerance_m = single.summary.accuracy, single.summary.tolerance_m
+    yield f"{_SINGLE}accepted fraction", _fraction(single.summary.accepted_fraction)
+    if accuracy is not None:
+        for label, cell in _accuracy_cells(accuracy, tolerance_m):
+            if label.startswith(("CE median", "CE 90 %", "within")):
+                yield f"{_SINGLE}{label}", cell
+    if signals is not None:
+        for label, cell in _trust_cells(single, signals):
+            yield f"{_SINGLE}{label}", cell
+
+
+def _trust_cells(column: ReportColumn, signals: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield what the stated uncertainties are worth; ``signals`` are those of all runs."""
+    trust = column.trust
+    if trust is None:
+        return
+    tolerance = f"{column.summary.tolerance_m:g} m"
+    yield f"judged, beyond {tolerance}", f"{trust.beyond_tolerance} of {trust.judged}"
+    for name in signals:
+        yield f"AUC of {name}", _of_answers(trust.signals[name], "auc", trust.judged)
+    for name in signals:
+        yield f"AURC by {name}", _of_answers(trust.signals[name], "aurc", trust.judged)
+    yield "AURC of the ideal order", _fraction(trust.ideal_aurc)
+    yield "CE90 coverage, all", _fraction(trust.ce90_coverage_all)
+    yield "CE90 coverage, accepted", _fraction(trust.ce90_coverage_accepted)
+    yield "calibration error of risk", _fraction(trust.expected_calibration_error)
+
+
+def _of_answers(worth: SignalWorth, figure: str, judged: int) -> str:
+    """Return a figure, and of how many answers it speaks if not of all."""
+    value = getattr(worth, figure)
+    partly = value is not None and worth.answers < judged
+    return _fraction(value) + (f" (of {worth.answers})" if partly else "")
 
 
 def _accuracy_cells(accuracy: Accuracy, tolerance_m: float) -> Iterator[tuple[str, str]]:

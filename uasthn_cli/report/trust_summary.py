@@ -1,0 +1,145 @@
+"""What a run's stated uncertainties are worth against truth."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from uasthn_cli.report.load import RunResults
+from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M, column
+from uasthn_cli.report.trust import (
+    ReliabilityBin,
+    expected_calibration_error,
+    radius_coverage,
+    reliability_bins,
+    risk_coverage,
+    roc_curve,
+)
+from uasthn_cli.types import BoolArray, FloatArray
+
+SIGNALS: Final[Mapping[str, float]] = {
+    "risk": 1.0,
+    "confidence": -1.0,
+    "entropy": 1.0,
+    "sigma_m": 1.0,
+    "u_m": 1.0,
+    "agreement_m": 1.0,
+}
+"""Columns that say how far to trust an answer, and the sign that makes them grow with doubt."""
+
+LEVELS: Final = (0.5, 0.8, 0.9, 0.95)
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedAnswers:
+    """Answers with a known error: CE, whether accepted and beyond the tolerance, all ``(n,)``.
+
+    ``risk`` and ``ce90_m`` are what was predicted, NaN where nothing was; ``doubts`` holds per
+    signal one number that grows with doubt, likewise.
+    """
+
+    ce_m: FloatArray
+    accepted: BoolArray
+    wrong: BoolArray
+    risk: FloatArray
+    ce90_m: FloatArray
+    doubts: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class SignalWorth:
+    """How well one signal sorts wrong answers from good ones, over the answers that have it.
+
+    ``auc`` is the area under the ROC, ``aurc`` the area under the risk–coverage curve,
+    ``excess_aurc`` how far that is above the ideal order; None where it is not defined.
+    """
+
+    answers: int
+    auc: float | None
+    aurc: float | None
+    excess_aurc: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class TrustSummary:
+    """Stated uncertainties against truth; what has nothing to stand on is None.
+
+    Judged are answers with a known error. ``accepted_risk`` is the share of accepted ones beyond
+    the tolerance, ``ideal_aurc`` the area under the risk–coverage curve of an order that knows
+    the truth. Reliability and ``expected_calibration_error`` are of the column ``risk``, always
+    at the 25 m that it predicts. ``ce90_coverage`` is the share of errors within the predicted
+    CE90; ``coverage_at_levels`` assumes circular normal errors, except at 0.9.
+    """
+
+    judged: int
+    beyond_tolerance: int
+    accepted_risk: float | None
+    signals: Mapping[str, SignalWorth]
+    ideal_aurc: float | None
+    ce90_coverage_all: float | None
+    ce90_coverage_accepted: float | None
+    coverage_at_levels: Mapping[str, float | None]
+    expected_calibration_error: float | None
+    reliability: tuple[ReliabilityBin, ...]
+
+
+def judged_answers(run: RunResults, tolerance_m: float) -> JudgedAnswers:
+    """Return the run's answers whose error is known; wrong is a CE beyond the tolerance."""
+    rows = [row for row in run.rows if row.has_estimate and np.isfinite(row.ce_m)]
+    ce_m = column(rows, "ce_m")
+    return JudgedAnswers(
+        ce_m=ce_m,
+        accepted=np.array([row.accepted for row in rows], dtype=np.bool_),
+        wrong=ce_m > tolerance_m,
+        risk=column(rows, "risk"),
+        ce90_m=column(rows, "ce90_m"),
+        doubts={name: sign * column(rows, name) for name, sign in SIGNALS.items()},
+    )
+
+
+def summarise_trust(
+    run: RunResults, tolerance_m: float = DEFAULT_TOLERANCE_M
+) -> TrustSummary | None:
+    """Judge what a run says of its own errors; None for a run without truth."""
+    if not run.has_truth:
+        return None
+    answers = judged_answers(run, tolerance_m)
+    accepted = answers.accepted
+    ideal = risk_coverage(np.zeros(answers.wrong.size), answers.wrong)
+    bins = risk_reliability(answers)
+    has_radius = np.isfinite(answers.ce90_m)
+    ce_m, ce90_m = answers.ce_m[has_radius], answers.ce90_m[has_radius]
+    return TrustSummary(
+        judged=accepted.size,
+        beyond_tolerance=int(answers.wrong.sum()),
+        accepted_risk=float(answers.wrong[accepted].mean()) if accepted.any() else None,
+        signals={name: _worth(doubt, answers.wrong) for name, doubt in answers.doubts.items()},
+        ideal_aurc=ideal.ideal_aurc if ideal else None,
+        ce90_coverage_all=radius_coverage(ce_m, ce90_m),
+        ce90_coverage_accepted=radius_coverage(
+            ce_m[accepted[has_radius]], ce90_m[accepted[has_radius]]
+        ),
+        coverage_at_levels={f"{level:g}": radius_coverage(ce_m, ce90_m, level) for level in LEVELS},
+        expected_calibration_error=expected_calibration_error(bins),
+        reliability=bins,
+    )
+
+
+def risk_reliability(answers: JudgedAnswers) -> tuple[ReliabilityBin, ...]:
+    """Return the bins of the column ``risk``, judged at the 25 m that it speaks of."""
+    has_risk = np.isfinite(answers.risk)
+    beyond = answers.ce_m > DEFAULT_TOLERANCE_M
+    return reliability_bins(answers.risk[has_risk], beyond[has_risk])
+
+
+def _worth(doubt: FloatArray, wrong: BoolArray) -> SignalWorth:
+    """Judge one signal on the answers that have it."""
+    known = np.isfinite(doubt)
+    roc, curve = roc_curve(doubt[known], wrong[known]), risk_coverage(doubt[known], wrong[known])
+    return SignalWorth(
+        answers=int(known.sum()),
+        auc=roc.auc if roc else None,
+        aurc=curve.aurc if curve else None,
+        excess_aurc=curve.aurc - curve.ideal_aurc if curve else None,
+    )
