@@ -54,6 +54,9 @@ RESIZED_WIDTH_PX = 256
 DEFAULT_SYMMETRIES = 4
 """Orientations in which xcorr sees both images: more are slower, and a little surer (1 to 8)."""
 
+DEFAULT_MAP_ERROR_M = 3.0
+"""Standard deviation, per axis, of the map's own registration: part of every uncertainty."""
+
 CROP_OFFSET_FRACTION = 32 / 512
 """o_c / W_T of the paper."""
 
@@ -68,19 +71,26 @@ class CropTtaConfig:
     seed: int = 0
 
 
+FALLBACK_MAX_STD_M = 10.0
+"""Limit on the views' deviation where neither a calibration nor the user gives any."""
+
+FALLBACK_MIN_CONFIDENCE = 0.3
+"""Limit on the confidence where neither a calibration nor the user gives any."""
+
+
 @dataclass(frozen=True, slots=True)
 class DecisionConfig:
-    """When an estimate is rejected.
+    """When an answer is rejected, beside what the calibration says.
 
-    Exactly one of ``max_std_m`` and ``max_std_px`` (pixels at W_R) is used: pixels if not None.
-    ``min_confidence`` rejects as ``ambiguous``; scales outside ``1 ± max_scale_error`` of the
-    prior's are ``implausible-scale``.
+    At most one of ``max_std_m`` and ``max_std_px`` (pixels at W_R) is given; None, as for
+    ``min_confidence``, leaves the matter to the calibration, or to the fallbacks where there is
+    none. Scales outside ``1 ± max_scale_error`` of the prior's are ``implausible-scale``.
     """
 
-    max_std_m: float = 10.0
+    max_std_m: float | None = None
     max_std_px: float | None = None
     rule: Rule = Rule.ALL
-    min_confidence: float = 0.3
+    min_confidence: float | None = None
     max_scale_error: float = 0.25
 
 
@@ -105,6 +115,8 @@ class GeotagConfig:
     symmetries: int = DEFAULT_SYMMETRIES
     crops: CropTtaConfig = CropTtaConfig()
     aggregation: Aggregation = Aggregation.ORIGINAL
+    fuse: bool = True
+    map_error_m: float = DEFAULT_MAP_ERROR_M
     decision: DecisionConfig = DecisionConfig()
 
 
@@ -132,6 +144,9 @@ class TrainingDefaults:
 
 THERMAL_WIDTH_PX = 96
 """Width of a frame's footprint on the map grid that the default GSD aims at."""
+
+NEAR_WIDTH_PX = 256
+"""The same for the second look near the place that the flight settled on."""
 
 MAX_MAP_ENLARGEMENT = 2.0
 """How much finer than the map's own GSD the default may be."""

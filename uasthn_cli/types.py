@@ -9,7 +9,7 @@ its unit in its name.
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ class Reason(StrEnum):
 
     UNCERTAIN = "uncertain"
     AMBIGUOUS = "ambiguous"
+    RISKY = "risky"
     OFF_MAP = "off-map"
     NO_PRIOR = "no-prior"
     NO_TIME = "no-time"
@@ -33,6 +34,14 @@ class Reason(StrEnum):
     TEXTURELESS = "textureless"
     DEGENERATE_HOMOGRAPHY = "degenerate-homography"
     IMPLAUSIBLE_SCALE = "implausible-scale"
+
+
+class Source(StrEnum):
+    """What an answer rests on: the frame alone, the whole flight, or the log alone."""
+
+    FIX = "fix"
+    FUSED = "fused"
+    PRIOR = "prior"
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,12 +186,27 @@ class Estimate:
     """Where an estimator saw N views of one thermal image in one map window.
 
     ``corners_px`` ``(iterations, N, 4, 2)``: corners of each view in window pixels, the last
-    iteration being the answer. ``confidence`` in 0..1 is the estimator's own belief in the first
-    view's answer: the posterior mass near the answer's peak (1 where the estimator has none).
+    iteration being the answer. ``scores`` ``(rows, columns)`` is the first view's log-likelihood of
+    every shift (-inf where excluded): entry ``(j, i)`` puts ortho pixel (0, 0) on window pixel
+    ``(i, j) * stride_px``; None for an estimator that does not score shifts. ``confidence`` in 0..1
+    is the posterior mass near the first view's answer (1 without scores).
     """
 
     corners_px: FloatArray
     confidence: float
+    scores: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Similarity:
+    """How the ground seen by a frame differs from what the prior implied, apart from its place.
+
+    The frame's footprint appears turned by ``yaw_rad`` (clockwise on the north-up map) and enlarged
+    by ``scale`` about the ortho's middle.
+    """
+
+    yaw_rad: float = 0.0
+    scale: float = 1.0
 
 
 class Estimator(Protocol):
@@ -215,6 +239,55 @@ class Estimator(Protocol):
         """
 
 
+@runtime_checkable
+class Aligner(Protocol):
+    """An estimator that can also tell how a frame is turned and scaled against the map."""
+
+    def similarity(
+        self, features: MapFeatures, thermal: Ortho, origin_px: FloatArray
+    ) -> Similarity | None:
+        """Fit turn and scale of a frame that lies about where ``origin_px`` says.
+
+        ``features`` are of a window little larger than the frame, ``origin_px`` as in
+        :meth:`Estimator.estimate`; None where nothing fits.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class OffsetLikelihood:
+    """How well a frame fits the map for every error of its prior's position.
+
+    ``log_likelihood`` ``(n, n)`` float16, largest 0: rows go south, columns east, ``cell_m`` apart;
+    the middle one is the prior moved by ``centre_m`` ``(2,)`` (east, north).
+    """
+
+    log_likelihood: NDArray[np.float16]
+    cell_m: float
+    centre_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Trust:
+    """What is known of an answer's error.
+
+    ``confidence`` in 0..1 is the posterior mass within 25 m of the answer, ``entropy_nats`` and
+    ``sigma_m`` (root mean square per axis) describe the whole posterior. ``covariance_m2``
+    ``(2, 2)`` (east, north) is that of the centre near the answer, ``ce90_m`` the radius that holds
+    90 % of errors, ``risk`` the estimated probability of an error beyond the tolerance (NaN without
+    a calibration), ``agreement_m`` the distance between the frame's own and the flight's answer,
+    ``support`` in 0..1 the share of neighbouring frames that alone agree with the flight's answer.
+    """
+
+    confidence: float
+    entropy_nats: float
+    sigma_m: float
+    covariance_m2: FloatArray
+    ce90_m: float
+    risk: float
+    agreement_m: float
+    support: float
+
+
 @dataclass(frozen=True, slots=True)
 class Spread:
     """Agreement of the views after each was carried back to the full frame (paper, eqs. 1-5).
@@ -229,20 +302,12 @@ class Spread:
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
-    """Whether an estimate is accepted, the scalar uncertainty it was judged by, and why not."""
-
-    accepted: bool
-    uncertainty_m: float
-    reason: Reason | None
-
-
-@dataclass(frozen=True, slots=True)
 class Fix:
     """Where one frame was taken, in WGS 84 degrees and ground metres.
 
     ``corners_deg`` ``(4, 2)`` holds ``(lat, lon)`` of the frame's corners, ``corner_std_m``
-    ``(4, 2)`` the standard deviation of each corner east-west and north-south.
+    ``(4, 2)`` the standard deviation of each corner east-west and north-south among the views.
+    ``single`` is the frame's own answer where this one rests on the whole flight.
     """
 
     prior: Prior
@@ -256,10 +321,31 @@ class Fix:
     offset_m: float
     yaw_deg: float
     gsd_m: float
-    confidence: float
+    trust: Trust
     accepted: bool
     reason: Reason | None
-    source: str = "fix"
+    source: Source = Source.FIX
+    single: "Fix | None" = None
 
 
 FrameResult = Fix | FrameFailure
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """What one frame gave alone: its result, and how well it fits everywhere (None: nothing)."""
+
+    result: FrameResult
+    likelihood: OffsetLikelihood | None
+
+
+@dataclass(frozen=True, slots=True)
+class NearLook:
+    """What a frame shows near the place the flight has it at.
+
+    ``camera`` is None for a frame that cannot be read, ``likelihood`` where it fits nothing.
+    """
+
+    frame: FrameFile
+    camera: CameraModel | None
+    likelihood: OffsetLikelihood | None

@@ -2,7 +2,9 @@
 
 Learned features find a frame where nothing else does, but they are made to distrust brightness, and
 so place it less finely than plain correlation does wherever brightness can be trusted. Both see the
-same shifts, and each says how much it believes in each of them; the beliefs are multiplied.
+same shifts, and each says how much it believes in each of them; the beliefs are multiplied. How
+much this one counts (:data:`~uasthn_cli.matching.ncc.CELLS_PER_SAMPLE`) was chosen on rendered
+flights by the mean log posterior at the true place.
 """
 
 import cv2
@@ -10,19 +12,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from uasthn_cli.matching.ncc import NccChannel, channel_image
+from uasthn_cli.matching.ncc import (
+    CELLS_PER_SAMPLE,
+    LARGEST_CORRELATION,
+    NccChannel,
+    channel_image,
+)
 from uasthn_cli.types import BoolArray, ImageArray
 
 CHANNELS = (NccChannel.GREY, NccChannel.GRADIENT)
 
-INDEPENDENT_SAMPLES = 20.0
-"""How many independent pixels a frame counts for: the weight of this opinion.
-
-Neighbouring pixels repeat one another, so it is far below their number. The likelihood of a
-correlation ``r`` between ``n`` samples of two normal variables is ``(1 - r²) ** (-n / 2)``.
-"""
-
-_LARGEST_CORRELATION = 0.95
 _EPSILON = 1e-6
 
 
@@ -42,8 +41,10 @@ def appearance_scores(window: Tensor, valid: Tensor, template: Tensor, masks: Te
     the square of the correlation counts; brightness and gradient count as independent.
     """
     correlation = masked_correlation(window, valid, template, masks)
-    squared = correlation.clamp(-_LARGEST_CORRELATION, _LARGEST_CORRELATION) ** 2
-    return -0.5 * INDEPENDENT_SAMPLES * torch.log1p(-squared).sum(dim=1)
+    squared = correlation.clamp(-LARGEST_CORRELATION, LARGEST_CORRELATION) ** 2
+    samples = masks.sum(dim=(1, 2))[:, None, None] / CELLS_PER_SAMPLE
+    scores: Tensor = -0.5 * samples * torch.log1p(-squared).sum(dim=1)
+    return scores
 
 
 def masked_correlation(window: Tensor, valid: Tensor, template: Tensor, masks: Tensor) -> Tensor:
@@ -63,7 +64,8 @@ def masked_correlation(window: Tensor, valid: Tensor, template: Tensor, masks: T
 
     def at_every_shift(product: Tensor) -> Tensor:
         rows, columns = (n - m + 1 for n, m in zip(size, masks.shape[-2:], strict=True))
-        return torch.fft.irfft2(product, s=size)[..., :rows, :columns]
+        shifted: Tensor = torch.fft.irfft2(product, s=size)[..., :rows, :columns]
+        return shifted
 
     response = at_every_shift(spectrum * torch.fft.rfft2(centred, s=size).conj())
     total = at_every_shift(spectrum * mask_spectrum)

@@ -7,7 +7,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uasthn_cli.matching.search import MIN_OVERLAP, best_shift, view_masks, within_reach
+from uasthn_cli.matching.search import (
+    MIN_OVERLAP,
+    best_shift,
+    posterior_mass,
+    view_masks,
+    within_reach,
+)
 from uasthn_cli.types import (
     BoolArray,
     Estimate,
@@ -19,6 +25,17 @@ from uasthn_cli.types import (
 )
 
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # ITU-R BT.601
+
+CELLS_PER_SAMPLE = 90.0
+"""How many feature cells (of 2 × 2 pixels) count as one independent sample.
+
+Neighbouring cells repeat one another.
+"""
+
+LARGEST_CORRELATION = 0.95
+"""Beyond it a likelihood says nothing more."""
+
+_PIXELS_PER_CELL = 4
 
 _HIGHEST_SCORE = 1.001
 """Over flat ground OpenCV divides rounding errors by one another."""
@@ -49,20 +66,34 @@ class NccEstimator:
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
-        """Return the best shift of each view inside the window; one iteration, no belief."""
+        """Return the best shift of each view inside the window; one iteration."""
         template = channel_image(thermal.image, thermal.valid, self._channel)
         masks = view_masks(views_px, _trusted(thermal.valid, self._channel), 1)
         image = _centred(features.values[0].astype(np.float32), features.valid)
         valid = features.valid.astype(np.float32)
-        shifts = []
+        shifts, likelihoods = [], []
         for mask in masks:
+            samples = float(mask.sum()) / (_PIXELS_PER_CELL * CELLS_PER_SAMPLE)
             scores = np.abs(cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED, mask=mask))
             scores = np.where(scores <= _HIGHEST_SCORE, scores, 0.0)
             overlap = cv2.matchTemplate(valid, mask, cv2.TM_CCORR) / max(float(mask.sum()), 1.0)
             allowed = (overlap >= MIN_OVERLAP) & within_reach(scores.shape, origin_px)
-            shifts.append(best_shift(np.where(allowed, scores, -np.inf), otherwise=origin_px))
+            scores = np.where(allowed, scores.astype(np.float64), -np.inf)
+            shifts.append(best_shift(scores, otherwise=origin_px))
+            likelihoods.append(np.where(allowed, log_likelihood(scores, samples), -np.inf))
         corners = views_px + np.stack(shifts)[:, None]
-        return Estimate(corners[None], 1.0)
+        confidence = posterior_mass(likelihoods[0], shifts[0], thermal.gsd_m)
+        return Estimate(corners[None], confidence, likelihoods[0])
+
+
+def log_likelihood(correlation: FloatArray, samples: float) -> FloatArray:
+    """Return the log-likelihood of correlations between ``samples`` normal pairs.
+
+    ``(1 - r²) ** (-n / 2)``, whatever the sign; -inf (an excluded shift) counts as 0.
+    """
+    finite = np.where(np.isfinite(correlation), correlation, 0.0)
+    squared = np.clip(finite, -LARGEST_CORRELATION, LARGEST_CORRELATION) ** 2
+    return np.asarray(-0.5 * samples * np.log1p(-squared))
 
 
 def luma(rgb: ImageArray) -> ImageArray:

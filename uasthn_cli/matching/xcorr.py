@@ -1,4 +1,4 @@
-"""The default estimator: learned cross-correlation; search over all shifts, then refine."""
+"""The default estimator: learned cross-correlation over all shifts, brightness beside it."""
 
 from pathlib import Path
 from typing import Any
@@ -8,13 +8,11 @@ import torch
 from numpy.typing import NDArray
 
 from uasthn_cli.config import DEFAULT_SYMMETRIES
-from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px, transform_points
 from uasthn_cli.matching.appearance import CHANNELS, appearance_cells, appearance_scores
 from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.ncc import luma
 from uasthn_cli.matching.networks import HALO_PX, STRIDE_PX, XcorrModel
-from uasthn_cli.matching.refine import ITERATIONS
 from uasthn_cli.matching.search import (
     MIN_OVERLAP,
     best_shift,
@@ -22,9 +20,10 @@ from uasthn_cli.matching.search import (
     view_masks,
     within_reach,
 )
+from uasthn_cli.matching.similarity import fit_similarity
 from uasthn_cli.matching.symmetries import encode_symmetric
 from uasthn_cli.matching.weights import BUNDLED_XCORR, load_xcorr
-from uasthn_cli.types import Estimate, FloatArray, MapFeatures, MapWindow, Ortho
+from uasthn_cli.types import Estimate, FloatArray, MapFeatures, MapWindow, Ortho, Similarity
 
 
 class XcorrEstimator:
@@ -66,10 +65,7 @@ class XcorrEstimator:
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
-        """Return each view's best shift inside the window, then its refined corners.
-
-        The first iteration is the search's answer, the others the refiner's.
-        """
+        """Return each view at its best shift inside the window; one iteration."""
         encoded, masks = self._encode_views(thermal, views_px)
         scores = self._learned_scores(features, encoded, masks)
         scores = scores + self._appearance_scores(features, thermal, masks)
@@ -79,20 +75,45 @@ class XcorrEstimator:
         scores = np.where(allowed, scores, -np.inf)
         shifts = np.stack([best_shift(view, otherwise=prior_shift) for view in scores])
         found = views_px + shifts[:, None] * STRIDE_PX
-        refined = self._refine(features, encoded, masks, shifts, views_px)
         confidence = posterior_mass(scores[0], shifts[0], STRIDE_PX * thermal.gsd_m)
-        return Estimate(np.stack([found, *refined]), confidence)
+        return Estimate(found[None], confidence, scores[0])
+
+    @torch.inference_mode()
+    def similarity(
+        self, features: MapFeatures, thermal: Ortho, origin_px: FloatArray
+    ) -> Similarity | None:
+        """Return the turn and scale under which the learned features fit best near the prior.
+
+        One orientation is enough here: the place is known.
+        """
+        channels = self._model.architecture.feature_channels
+        image, valid = self._tensors(thermal)
+        encoded = self._model.encode_thermal(image, valid)[0]
+        window = torch.from_numpy(features.values[:channels]).to(self._device, torch.float32)[None]
+        if min(n - m for n, m in zip(window.shape[-2:], encoded.shape[-2:], strict=True)) < 0:
+            return None
+
+        def score(turned: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
+            templates = normalise_template(turned, masks)
+            scores = correlate(window, templates[None], masks[None])[0]
+            return scores.flatten(1).amax(dim=1) * self._temperature
+
+        return fit_similarity(score, encoded, cell_mask(valid, STRIDE_PX)[0])
 
     def _encode_views(
         self, thermal: Ortho, views_px: FloatArray
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return thermal features ``(1, C, h, w)`` and the views' cell masks ``(N, 1, h, w)``."""
-        image = torch.from_numpy(thermal.image)[None, None].to(self._device)
-        valid = torch.from_numpy(thermal.valid).float()[None, None].to(self._device)
+        image, valid = self._tensors(thermal)
         encoded = encode_symmetric(self._model.encode_thermal, image, valid, self._symmetries)
         cells = cell_mask(valid, STRIDE_PX)[0, 0].bool().cpu().numpy()
         masks = torch.from_numpy(view_masks(views_px, cells, STRIDE_PX))[:, None]
         return encoded, masks.to(self._device)
+
+    def _tensors(self, thermal: Ortho) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return image and mask ``(1, 1, h, w)``."""
+        image = torch.from_numpy(thermal.image)[None, None].to(self._device)
+        return image, torch.from_numpy(thermal.valid).float()[None, None].to(self._device)
 
     def _learned_scores(
         self, features: MapFeatures, encoded: torch.Tensor, masks: torch.Tensor
@@ -115,38 +136,6 @@ class XcorrEstimator:
         scores = appearance_scores(window, valid, template, masks[:, 0])
         return scores.double().cpu().numpy()
 
-    def _refine(
-        self,
-        features: MapFeatures,
-        encoded: torch.Tensor,
-        masks: torch.Tensor,
-        shifts: FloatArray,
-        views_px: FloatArray,
-    ) -> list[FloatArray]:
-        """Return the views' corners ``(N, 4, 2)`` in window pixels after each iteration.
-
-        One symmetry is enough here: the search has already chosen the place.
-        """
-        channels = self._model.architecture.feature_channels
-        height, width = masks.shape[-2:]
-        template_corners = image_corners_px(width, height)
-        start = torch.from_numpy(template_corners + shifts[:, None]).to(self._device).float()
-        window = torch.from_numpy(features.values[:channels]).to(self._device).float()
-        count = len(masks)
-        sequence = self._model.refiner(
-            window.expand(count, -1, -1, -1),
-            encoded[:, :channels].expand(count, -1, -1, -1),
-            masks,
-            start,
-            ITERATIONS,
-        )
-        views = _to_cells(views_px)
-        corners = [_centred_on(step, start).double().cpu().numpy() for step in sequence]
-        return [
-            _to_pixels(transform_points(homography_from_corners(template_corners, step), views))
-            for step in corners
-        ]
-
     def _overlap(self, features: MapFeatures, masks: torch.Tensor) -> FloatArray:
         """Return the share of each view ``(N, rows, columns)`` that falls on valid map."""
         valid = torch.from_numpy(features.valid).to(self._device, torch.float32)
@@ -155,25 +144,6 @@ class XcorrEstimator:
         counts = torch.nn.functional.conv2d(valid[None, None], masks)[0]
         share = counts / masks.sum(dim=(1, 2, 3)).clamp_min(1.0)[:, None, None]
         return share.double().cpu().numpy()
-
-
-def _centred_on(corners: torch.Tensor, start: torch.Tensor) -> torch.Tensor:
-    """Return corners ``(N, 4, 2)`` moved so that they have the mean of ``start``.
-
-    The search weighs the whole frame at once and places its centre better than local matches do;
-    these see what the search cannot: turn, scale and tilt.
-    """
-    return corners - corners.mean(dim=1, keepdim=True) + start.mean(dim=1, keepdim=True)
-
-
-def _to_cells(points_px: FloatArray) -> FloatArray:
-    """Map pixels to feature cells: cell 0 is centred between pixels 0 and 1."""
-    return (points_px - (STRIDE_PX - 1) / 2) / STRIDE_PX
-
-
-def _to_pixels(points_cells: FloatArray) -> FloatArray:
-    """Map feature cells to pixels."""
-    return points_cells * STRIDE_PX + (STRIDE_PX - 1) / 2
 
 
 def open_xcorr(weights_path: Path | None, device: str, symmetries: int) -> XcorrEstimator:

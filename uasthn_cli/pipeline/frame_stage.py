@@ -1,155 +1,83 @@
-"""One frame through rectify, search, consensus, decision and placement."""
+"""One frame alone: search, consensus of its views, and what that is worth."""
 
 import numpy as np
 
 from uasthn_cli.config import GeotagConfig
+from uasthn_cli.fusion.offsets import OffsetGrid, grid_of_radius
 from uasthn_cli.geometry.corners import (
     DegenerateHomographyError,
     homography_from_corners,
     transform_points,
 )
-from uasthn_cli.geometry.geodesy import LocalFrame, distance_m
-from uasthn_cli.geometry.pixels import metres_to_grid
+from uasthn_cli.geometry.geodesy import distance_m
 from uasthn_cli.geometry.placement import Placement, box_origin, place_frame, translation
-from uasthn_cli.ingest.cameras import CameraSpec
-from uasthn_cli.ingest.frames import UnreadableFrameError, read_frame
-from uasthn_cli.mapping.ortho import (
-    FootprintSizeError,
-    ObliqueFrameError,
-    TexturelessFrameError,
-    rectify,
-)
-from uasthn_cli.mapping.tiles import FeatureTiles, aligned_box
-from uasthn_cli.pipeline.timing import StageTimer
+from uasthn_cli.pipeline.judge import Judge
+from uasthn_cli.pipeline.likelihoods import likelihood_of_look
+from uasthn_cli.pipeline.look import Look, Looker, LookError
 from uasthn_cli.types import (
-    CameraModel,
-    Decision,
-    Estimate,
-    Estimator,
     Fix,
     FloatArray,
     FrameFailure,
-    FrameResult,
+    Located,
     MapFeatures,
-    MapGrid,
-    Ortho,
+    OffsetLikelihood,
     Prior,
     Reason,
     Spread,
+    Trust,
 )
 from uasthn_cli.uncertainty.consensus import spread_of_views
-from uasthn_cli.uncertainty.decide import decide
-from uasthn_cli.uncertainty.views import crop_views_px
+from uasthn_cli.uncertainty.decide import impossible_corners, scalar_uncertainty
 
-_ALIGNMENT_PX = 16
 _MIN_VALID_FRACTION = 0.5
 
 
 class FrameStage:
-    """Locates frames one by one; holds what all frames of a flight share."""
+    """Locates frames one by one."""
 
-    def __init__(
-        self,
-        camera: CameraSpec,
-        grid: MapGrid,
-        tiles: FeatureTiles,
-        estimator: Estimator,
-        local: LocalFrame,
-        config: GeotagConfig,
-        timer: StageTimer,
-    ) -> None:
-        """Keep the flight's camera, map features, estimator, frame of reference and settings."""
-        self._camera, self._grid, self._tiles, self._estimator = camera, grid, tiles, estimator
-        self._local, self._config, self._timer = local, config, timer
+    def __init__(self, looker: Looker, judge: Judge, config: GeotagConfig) -> None:
+        """Keep how frames are looked at and judged."""
+        self._looker, self._judge, self._config = looker, judge, config
 
-    def locate(self, prior: Prior) -> FrameResult:
+    @property
+    def offset_grid(self) -> OffsetGrid:
+        """The offsets within the search radius that are told apart."""
+        return grid_of_radius(self._config.search_radius_m, self._looker.pitch_m)
+
+    def locate(self, prior: Prior) -> Located:
         """Return where a frame was taken, or why that cannot be said."""
         try:
-            with self._timer.stage("decode"):
-                image = read_frame(prior.frame.path)
-            height_px, width_px = image.shape
-            camera = self._camera.model_of_frame(prior.frame.path, width_px, height_px)
-            with self._timer.stage("rectify"):
-                thermal = rectify(image, camera, prior, self._grid.gsd_m, multiple_px=_ALIGNMENT_PX)
-            return self._match(prior, camera, thermal)
-        except UnreadableFrameError as error:
-            return _failure(prior, Reason.UNREADABLE, error)
-        except ObliqueFrameError as error:
-            return _failure(prior, Reason.TOO_OBLIQUE, error)
-        except FootprintSizeError as error:
-            return _failure(prior, Reason.NO_PRIOR, error)
-        except TexturelessFrameError as error:
-            return _failure(prior, Reason.TEXTURELESS, error)
+            look = self._looker.look(prior, self._config.crops, self._config.search_radius_m)
+            spread = spread_of_views(
+                look.views_px, look.estimate.corners_px[-1], self._config.aggregation
+            )
+            H_ortho_window = homography_from_corners(look.views_px[0], spread.corners_px)
+        except LookError as error:
+            return Located(failure(prior, error.reason, error), None)
         except DegenerateHomographyError as error:
-            return _failure(prior, Reason.DEGENERATE_HOMOGRAPHY, error)
-
-    def _match(self, prior: Prior, camera: CameraModel, thermal: Ortho) -> FrameResult:
-        """Search the map around the prior and judge what was found."""
-        grid = self._grid
-        nadir_m = self._local.to_metres(np.array([prior.lat_deg, prior.lon_deg]))
-        ortho_origin_px = metres_to_grid(grid, nadir_m) - thermal.nadir_px
-        features = self._read_window(thermal, ortho_origin_px)
-        if not features.valid.any():
-            return _failure(prior, Reason.OFF_MAP, "the search window has no map data")
-        frame_views = crop_views_px(
-            camera.width_px, camera.height_px, self._config.crops, prior.frame.name
-        )
-        views = transform_points(thermal.H_frame_ortho, frame_views)
-        origin_px = ortho_origin_px - box_origin(features.box)
-        with self._timer.stage("search"):
-            estimate = self._estimator.estimate(features, thermal, views, origin_px)
-        spread = spread_of_views(views, estimate.corners_px[-1], self._config.aggregation)
-        decision = self._decide(estimate, spread, views, features)
-        H_ortho_grid = translation(box_origin(features.box)) @ homography_from_corners(
-            views[0], spread.corners_px
-        )
-        return self._fix(prior, camera, thermal, H_ortho_grid, spread, decision, estimate)
-
-    def _read_window(self, thermal: Ortho, ortho_origin_px: FloatArray) -> MapFeatures:
-        """Return map features of the ortho's box grown by the search radius."""
-        height_px, width_px = thermal.image.shape
-        reach_px = 2 * self._config.search_radius_m / thermal.gsd_m
-        centre_px = ortho_origin_px + (np.array([width_px, height_px]) - 1) / 2
-        box = aligned_box(
-            (float(centre_px[0]), float(centre_px[1])),
-            width_px + reach_px,
-            height_px + reach_px,
-            _ALIGNMENT_PX,
-        )
-        with self._timer.stage("map"):
-            return self._tiles.read(box)
-
-    def _decide(
-        self, estimate: Estimate, spread: Spread, views: FloatArray, features: MapFeatures
-    ) -> Decision:
-        """Judge the estimate; one that hangs over the map's edge is ``off-map`` whatever else."""
-        gsd_m = features.grid.gsd_m
-        decision = decide(
-            spread.std_px * gsd_m,
-            estimate.confidence,
-            views[0],
-            spread.corners_px,
-            features.box.width_px * gsd_m,
-            self._config.decision,
-        )
-        if _valid_fraction(features, spread.corners_px) < _MIN_VALID_FRACTION:
-            return Decision(False, decision.uncertainty_m, Reason.OFF_MAP)
-        return decision
+            return Located(failure(prior, Reason.DEGENERATE_HOMOGRAPHY, error), None)
+        likelihood = likelihood_of_look(look, self.offset_grid, np.zeros(2))
+        return Located(self._fix(prior, look, spread, H_ortho_window, likelihood), likelihood)
 
     def _fix(
         self,
         prior: Prior,
-        camera: CameraModel,
-        thermal: Ortho,
-        H_ortho_grid: FloatArray,
+        look: Look,
         spread: Spread,
-        decision: Decision,
-        estimate: Estimate,
+        H_ortho_window: FloatArray,
+        likelihood: OffsetLikelihood | None,
     ) -> Fix:
-        grid = self._grid
-        placed = self._place(camera, thermal, H_ortho_grid, grid)
-        degrees = placed.in_degrees(self._local)
+        local, grid = self._looker.local, self._looker.grid
+        placed = self._placed(look, H_ortho_window)
+        degrees = placed.in_degrees(local)
         prior_deg = np.array([prior.lat_deg, prior.lon_deg])
+        offset_m = placed.camera_m - local.to_metres(prior_deg)
+        std_m = spread.std_px * grid.gsd_m
+        uncertainty_m = scalar_uncertainty(std_m, self._config.decision.rule)
+        trust = self._judge.single(
+            likelihood, offset_m, uncertainty_m, look.estimate.confidence, std_m
+        )
+        reason = self._reason(look, spread, uncertainty_m, trust)
         return Fix(
             prior=prior,
             lat_deg=float(degrees[0, 0]),
@@ -157,25 +85,42 @@ class FrameStage:
             center_lat_deg=float(degrees[1, 0]),
             center_lon_deg=float(degrees[1, 1]),
             corners_deg=degrees[2:],
-            corner_std_m=spread.std_px * grid.gsd_m,
-            uncertainty_m=decision.uncertainty_m,
+            corner_std_m=std_m,
+            uncertainty_m=uncertainty_m,
             offset_m=float(distance_m(degrees[0], prior_deg)),
             yaw_deg=placed.yaw_deg,
             gsd_m=placed.gsd_m,
-            confidence=estimate.confidence,
-            accepted=decision.accepted,
-            reason=decision.reason,
+            trust=trust,
+            accepted=reason is None,
+            reason=reason,
         )
 
-    def _place(
-        self, camera: CameraModel, thermal: Ortho, H_ortho_grid: FloatArray, grid: MapGrid
-    ) -> Placement:
-        nadir_grid_px = transform_points(H_ortho_grid, thermal.nadir_px[None])[0]
-        return place_frame(camera, H_ortho_grid @ thermal.H_frame_ortho, nadir_grid_px, grid)
+    def _reason(
+        self, look: Look, spread: Spread, uncertainty_m: float, trust: Trust
+    ) -> Reason | None:
+        """Return why an estimate is rejected; one beyond the map's edge is, whatever else."""
+        if valid_fraction(look.scene.features, spread.corners_px) < _MIN_VALID_FRACTION:
+            return Reason.OFF_MAP
+        limit = self._config.decision.max_scale_error
+        return impossible_corners(
+            look.views_px[0], spread.corners_px, limit
+        ) or self._judge.doubt_of_single(
+            uncertainty_m, trust, look.scene.features.box.width_px * self._looker.grid.gsd_m
+        )
+
+    def _placed(self, look: Look, H_ortho_window: FloatArray) -> Placement:
+        scene = look.scene
+        H_ortho_grid = translation(box_origin(scene.features.box)) @ H_ortho_window
+        nadir_grid_px = transform_points(H_ortho_grid, scene.thermal.nadir_px[None])[0]
+        H_frame_grid = H_ortho_grid @ scene.thermal.H_frame_ortho
+        return place_frame(scene.camera, H_frame_grid, nadir_grid_px, self._looker.grid)
 
 
-def _valid_fraction(features: MapFeatures, corners_px: FloatArray) -> float:
-    """Return the share of the estimated footprint's sample points that lie on valid map."""
+def valid_fraction(features: MapFeatures, corners_px: FloatArray) -> float:
+    """Return the share of a footprint's sample points that lie on valid map.
+
+    ``corners_px`` ``(4, 2)`` in window pixels.
+    """
     steps = np.linspace(0.05, 0.95, 10)
     square = np.array([(x, y) for y in steps for x in steps])
     unit = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
@@ -186,5 +131,6 @@ def _valid_fraction(features: MapFeatures, corners_px: FloatArray) -> float:
     return float(features.valid[cells[inside, 1], cells[inside, 0]].sum() / len(points))
 
 
-def _failure(prior: Prior, reason: Reason, detail: object) -> FrameFailure:
+def failure(prior: Prior, reason: Reason, detail: object) -> FrameFailure:
+    """Return a frame without an estimate."""
     return FrameFailure(prior.frame, reason, str(detail), prior.time_utc_s, prior)

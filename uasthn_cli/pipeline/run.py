@@ -1,27 +1,51 @@
 """Open the inputs of a run and walk its frames."""
 
 import logging
-from collections.abc import Container, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Container, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from uasthn_cli.config import MAX_MAP_ENLARGEMENT, THERMAL_WIDTH_PX, GeotagConfig, PriorConfig
+from uasthn_cli.config import (
+    MAX_MAP_ENLARGEMENT,
+    NEAR_WIDTH_PX,
+    THERMAL_WIDTH_PX,
+    GeotagConfig,
+    PriorConfig,
+)
 from uasthn_cli.errors import NoPositionError
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.ingest.frames import UnreadableFrameError, frame_size_px, list_frames
 from uasthn_cli.ingest.mavlink import read_telemetry
 from uasthn_cli.ingest.priors import PriorSet, build_priors
+from uasthn_cli.ingest.telemetry import Telemetry
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
 from uasthn_cli.mapping.tiles import FeatureTiles
 from uasthn_cli.matching.registry import open_estimator
+from uasthn_cli.pipeline.flight_stage import FlightStage, RebuildPriors, Survey
 from uasthn_cli.pipeline.frame_stage import FrameStage
+from uasthn_cli.pipeline.fused_fixes import fused_results
+from uasthn_cli.pipeline.judge import Judge
+from uasthn_cli.pipeline.look import Looker
 from uasthn_cli.pipeline.timing import StageTimer
-from uasthn_cli.types import CameraModel, Estimator, FrameResult, Prior
+from uasthn_cli.types import (
+    CameraModel,
+    Estimator,
+    FrameFile,
+    FrameResult,
+    Located,
+    NearLook,
+    Prior,
+)
+from uasthn_cli.uncertainty.calibration import Calibration
+
+_FINER = 0.8
+"""A grid for the second look must be this much finer than the search's to be worth having."""
 
 _log = logging.getLogger(__name__)
 
@@ -38,32 +62,31 @@ class GeotagJob:
     frame_times_csv: Path | None = None
     config: GeotagConfig = field(default_factory=GeotagConfig)
     weights_path: Path | None = None
+    calibration: Calibration | None = None
 
 
 class Run:
-    """An opened run: priors are known, the map is open, the estimator is loaded."""
+    """An opened run: priors are known, the map is open, the estimator is loaded.
+
+    Frames are located one by one (:meth:`locate`); with fusion, :meth:`survey` then settles the
+    flight, :meth:`look_again` looks at each frame near where it settled, and :meth:`fuse` ends it.
+    """
 
     def __init__(
         self,
         job: GeotagJob,
         priors: PriorSet,
-        reader: MapReader,
-        estimator: Estimator,
-        local: LocalFrame,
+        rebuild: RebuildPriors,
+        lookers: tuple[Looker, Looker],
+        map_crs: str,
         timer: StageTimer,
     ) -> None:
-        """Wire the stages together."""
-        self.priors, self._reader, self._estimator = priors, reader, estimator
-        self._job, self._local, self._timer = job, local, timer
-        tiles = FeatureTiles(
-            timer.timed("map", reader.read),
-            timer.timed("features", estimator.encode_map),
-            stride_px=estimator.stride_px,
-            halo_px=estimator.halo_px,
-        )
-        self._stage = FrameStage(
-            job.camera, reader.grid, tiles, estimator, local, job.config, timer
-        )
+        """Wire the stages together; ``lookers`` see the wide search and what is near."""
+        self.priors, self.map_crs, self._timer = priors, map_crs, timer
+        self._wide, self._near = lookers
+        self._judge = Judge(job.config, job.calibration)
+        self._stage = FrameStage(self._wide, self._judge, job.config)
+        self._flight = FlightStage(self._wide, self._near, self._stage.offset_grid, rebuild)
 
     @property
     def frame_count(self) -> int:
@@ -71,20 +94,45 @@ class Run:
         return len(self.priors.results)
 
     @property
-    def map_crs(self) -> str:
-        """The map's own coordinate reference system, as WKT."""
-        return self._reader.place.crs_wkt
-
-    @property
     def timings(self) -> dict[str, float]:
         """Seconds spent per stage so far."""
         return self._timer.seconds
 
-    def results(self, skip: Container[str] = ()) -> Iterator[FrameResult]:
-        """Yield a result per frame in frame order, leaving out frames named in ``skip``."""
+    def locate(self, skip: Container[str] = ()) -> Iterator[Located]:
+        """Yield what each frame gives alone, in frame order, without those in ``skip``."""
         for entry in self.priors.results:
-            if entry.frame.name not in skip:
-                yield self._stage.locate(entry) if isinstance(entry, Prior) else entry
+            if entry.frame.name in skip:
+                continue
+            if isinstance(entry, Prior):
+                yield self._stage.locate(entry)
+            else:
+                yield Located(entry, None)
+
+    def results(self) -> Iterator[FrameResult]:
+        """Yield each frame's own result, in frame order."""
+        for located in self.locate():
+            yield located.result
+
+    def survey(self, located: Sequence[Located]) -> Survey | None:
+        """Settle the flight from what its frames gave alone; None where they say nothing."""
+        with self._timer.stage("fuse"):
+            return self._flight.survey(located)
+
+    def look_again(self, survey: Survey, skip: Container[str] = ()) -> Iterator[NearLook]:
+        """Yield what each frame shows near where the flight has it, leaving out ``skip``."""
+        for index, frame in enumerate(survey.frames):
+            if frame.prior.frame.name not in skip:
+                yield self._flight.look_again(survey, index)
+
+    def fuse(
+        self, located: Sequence[Located], survey: Survey, near: Mapping[str, NearLook]
+    ) -> list[FrameResult]:
+        """Return the flight's answers, in the order of ``located``."""
+        with self._timer.stage("fuse"):
+            looks = [near[frame.prior.frame.name] for frame in survey.frames]
+            return fused_results(
+                located, survey, looks, self._flight.near_grid, self._judge, self._wide
+            )
 
     def describe(self) -> dict[str, Any]:
         """Return what was chosen for this run, ready for ``run.json``."""
@@ -95,9 +143,10 @@ class Run:
             },
             "frame_times": self.priors.frame_times.why,
             "height_source": self.priors.height_source,
-            "estimator": self._estimator.name,
-            "map_gsd_m": round(self._reader.grid.gsd_m, 6),
-            "local_origin": {"lat": self._local.lat_deg, "lon": self._local.lon_deg},
+            "estimator": self._wide.estimator.name,
+            "map_gsd_m": round(self._wide.grid.gsd_m, 6),
+            "near_map_gsd_m": round(self._near.grid.gsd_m, 6),
+            "local_origin": {"lat": self._wide.local.lat_deg, "lon": self._wide.local.lon_deg},
         }
 
 
@@ -124,28 +173,73 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         )
     positions = np.array([(prior.lat_deg, prior.lon_deg) for prior in located])
     local = LocalFrame(*np.median(positions, axis=0))
-    gsd_m = job.config.gsd_m or _choose_gsd_m(job, located, local)
-    with MapReader(job.map_path, local, gsd_m) as reader:
-        reader.require_overlap(positions, job.config.search_radius_m)
-        chosen = estimator or open_estimator(
-            job.config.estimator,
-            weights_path=job.weights_path,
-            device=job.config.device,
-            symmetries=job.config.symmetries,
-        )
-        yield Run(job, priors, reader, chosen, local, timer)
+    with ExitStack() as stack:
+        wide_m, near_m = _choose_gsds_m(job, located, local)
+        wide_map = stack.enter_context(MapReader(job.map_path, local, wide_m))
+        wide_map.require_overlap(positions, job.config.search_radius_m)
+        wide = _looker(job, wide_map, estimator or _open_estimator(job), local, timer)
+        near = wide
+        if job.config.fuse and near_m < _FINER * wide_m:
+            near_map = stack.enter_context(MapReader(job.map_path, local, near_m))
+            again = estimator or _open_estimator(job, symmetries=1)
+            near = _looker(job, near_map, again, local, timer)
+        rebuild = partial(_rebuilt_priors, telemetry, frames, job, priors)
+        yield Run(job, priors, rebuild, (wide, near), wide_map.place.crs_wkt, timer)
 
 
-def _choose_gsd_m(job: GeotagJob, priors: list[Prior], local: LocalFrame) -> float:
-    """Return the GSD at which a frame is about 96 px wide, at most twice as fine as the map's own.
+def _open_estimator(job: GeotagJob, symmetries: int | None = None) -> Estimator:
+    """Load the estimator; near a known place one orientation is enough."""
+    return open_estimator(
+        job.config.estimator,
+        weights_path=job.weights_path,
+        device=job.config.device,
+        symmetries=symmetries or job.config.symmetries,
+    )
 
-    Enlarging a coarse map helps: features come at half the image's resolution.
+
+def _looker(
+    job: GeotagJob, reader: MapReader, estimator: Estimator, local: LocalFrame, timer: StageTimer
+) -> Looker:
+    tiles = FeatureTiles(
+        timer.timed("map", reader.read),
+        timer.timed("features", estimator.encode_map),
+        stride_px=estimator.stride_px,
+        halo_px=estimator.halo_px,
+    )
+    return Looker(job.camera, reader.grid, tiles, estimator, local, timer)
+
+
+def _rebuilt_priors(
+    telemetry: Telemetry,
+    frames: list[FrameFile],
+    job: GeotagJob,
+    priors: PriorSet,
+    added_s: float,
+) -> dict[str, Prior]:
+    """Return priors by frame name with ``added_s`` on the frames' times, by the clock chosen."""
+    config = replace(
+        job.prior,
+        time_base=priors.time_base.base,
+        time_offset_s=job.prior.time_offset_s + added_s,
+    )
+    rebuilt = build_priors(telemetry, frames, config=config, frame_times_csv=job.frame_times_csv)
+    return {entry.frame.name: entry for entry in rebuilt.results if isinstance(entry, Prior)}
+
+
+def _choose_gsds_m(job: GeotagJob, priors: list[Prior], local: LocalFrame) -> tuple[float, float]:
+    """Return the GSD of the search and of the second look.
+
+    The search sees a frame about 96 px wide, at most twice as fine as the map's own pixels
+    (enlarging a coarse map helps: features come at half the image's resolution); the second look
+    256 px wide, at most as fine as the map.
     """
     camera = _first_camera(job, priors)
     height_m = float(np.median([prior.height_above_ground_m for prior in priors]))
     footprint_m = height_m * camera.width_px / camera.focal_x_px
-    finest_m = native_gsd_m(job.map_path, local) / MAX_MAP_ENLARGEMENT
-    return max(finest_m, footprint_m / THERMAL_WIDTH_PX)
+    native_m = native_gsd_m(job.map_path, local)
+    wide_m = max(native_m / MAX_MAP_ENLARGEMENT, footprint_m / THERMAL_WIDTH_PX)
+    near_m = max(native_m, footprint_m / NEAR_WIDTH_PX)
+    return job.config.gsd_m or wide_m, near_m
 
 
 def _first_camera(job: GeotagJob, priors: list[Prior]) -> CameraModel:

@@ -1,12 +1,18 @@
-"""Accept or reject an estimate, and say why."""
+"""Accept or reject an answer, and say why."""
 
 import math
 
 import numpy as np
 
-from uasthn_cli.config import RESIZED_WIDTH_PX, DecisionConfig, Rule
+from uasthn_cli.config import (
+    FALLBACK_MAX_STD_M,
+    FALLBACK_MIN_CONFIDENCE,
+    RESIZED_WIDTH_PX,
+    DecisionConfig,
+    Rule,
+)
 from uasthn_cli.geometry.corners import area_px, is_convex
-from uasthn_cli.types import Decision, FloatArray, Reason
+from uasthn_cli.types import FloatArray, Reason
 
 
 def scalar_uncertainty(std: FloatArray, rule: Rule) -> float:
@@ -19,35 +25,43 @@ def scalar_uncertainty(std: FloatArray, rule: Rule) -> float:
     return float(std.max() if rule is Rule.ANY else std.mean())
 
 
-def decide(
-    std_m: FloatArray,
+def impossible_corners(
+    reference_px: FloatArray, corners_px: FloatArray, max_scale_error: float
+) -> Reason | None:
+    """Return why corners ``(4, 2)`` cannot be right whatever else is known, or None.
+
+    ``reference_px`` are the full frame's corners as the prior had their shape.
+    """
+    if not np.isfinite(corners_px).all() or not is_convex(corners_px):
+        return Reason.DEGENERATE_HOMOGRAPHY
+    scale = math.sqrt(max(area_px(corners_px) / area_px(reference_px), 0.0))
+    return Reason.IMPLAUSIBLE_SCALE if abs(scale - 1) > max_scale_error else None
+
+
+def doubt(
+    uncertainty_m: float,
     confidence: float,
-    reference_px: FloatArray,
-    corners_px: FloatArray,
+    risk: float,
     window_m: float,
     config: DecisionConfig,
-) -> Decision:
-    """Judge one estimate.
+    max_risk: float | None,
+) -> Reason | None:
+    """Return why an answer is not to be trusted, or None.
 
-    ``std_m`` ``(4, 2)`` in metres; ``reference_px`` and ``corners_px`` ``(4, 2)`` the full frame's
-    corners as the prior had their shape and as estimated; ``window_m`` the map window's width,
-    which is W_R pixels wide for a threshold in pixels.
+    ``max_risk`` is the calibration's limit on ``risk``; without one (None) the fallbacks apply
+    where the user gave no limits. ``window_m`` is the map window's width, which is W_R pixels wide
+    for a threshold in pixels.
     """
-    uncertainty_m = scalar_uncertainty(std_m, config.rule)
-    limit_m = config.max_std_m
+    max_std_m, min_confidence = config.max_std_m, config.min_confidence
     if config.max_std_px is not None:
-        limit_m = config.max_std_px * window_m / RESIZED_WIDTH_PX
-    reason: Reason | None = None
-    if not np.isfinite(corners_px).all() or not is_convex(corners_px):
-        reason = Reason.DEGENERATE_HOMOGRAPHY
-    elif abs(_scale(reference_px, corners_px) - 1) > config.max_scale_error:
-        reason = Reason.IMPLAUSIBLE_SCALE
-    elif not uncertainty_m <= limit_m:
-        reason = Reason.UNCERTAIN
-    elif not confidence >= config.min_confidence:
-        reason = Reason.AMBIGUOUS
-    return Decision(reason is None, uncertainty_m, reason)
-
-
-def _scale(reference_px: FloatArray, corners_px: FloatArray) -> float:
-    return math.sqrt(max(area_px(corners_px) / area_px(reference_px), 0.0))
+        max_std_m = config.max_std_px * window_m / RESIZED_WIDTH_PX
+    if max_risk is None:
+        max_std_m = FALLBACK_MAX_STD_M if max_std_m is None else max_std_m
+        min_confidence = FALLBACK_MIN_CONFIDENCE if min_confidence is None else min_confidence
+    if max_std_m is not None and not uncertainty_m <= max_std_m:
+        return Reason.UNCERTAIN
+    if min_confidence is not None and not confidence >= min_confidence:
+        return Reason.AMBIGUOUS
+    if max_risk is not None and not risk <= max_risk:
+        return Reason.RISKY
+    return None

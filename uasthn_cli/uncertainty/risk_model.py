@@ -51,6 +51,7 @@ SIGNALS: Final[Mapping[str, Signal]] = MappingProxyType(
         "sigma_m": Signal(Transform.LOG_METRES, 1),
         "u_m": Signal(Transform.LOG_METRES, 1),
         "agreement_m": Signal(Transform.LOG_METRES, 1),
+        "support": Signal(Transform.LOGIT, -1),
     }
 )
 """What a model may look at, by the names of the columns of ``frames.csv``."""

@@ -1,0 +1,151 @@
+"""A frame's scores as a likelihood over the error of its prior's position, and what that says."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from uasthn_cli.types import FloatArray, OffsetLikelihood
+
+TOLERANCE_M = 25.0
+"""The paper's tolerance: how near to an answer the posterior counts as confidence in it."""
+
+_LEAST_LOG = -60.0
+"""Below this, fits are equally impossible; float16 still tells neighbouring values apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class OffsetGrid:
+    """Offsets that are told apart: ``2 * half + 1`` each way, ``cell_m`` apart."""
+
+    half: int
+    cell_m: float
+
+    @property
+    def size(self) -> int:
+        """Cells along one side."""
+        return 2 * self.half + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Placement2d:
+    """How entry ``(j, i)`` of a score map lies on the ground.
+
+    It moves the prior by ``(i, j) * pitch_m - prior_m`` metres to the right (east) and down
+    (south); ``prior_m`` ``(2,)`` is thus the entry at which the prior itself is right.
+    """
+
+    pitch_m: float
+    prior_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class PosteriorSummary:
+    """A posterior in a few numbers; see :class:`uasthn_cli.types.Trust`."""
+
+    confidence: float
+    entropy_nats: float
+    sigma_m: float
+    covariance_m2: FloatArray
+
+
+def grid_of_radius(radius_m: float, pitch_m: float, largest_half: int = 100) -> OffsetGrid:
+    """Return the grid that holds a search radius, as fine as the scores or as memory allows."""
+    cell_m = max(pitch_m, radius_m / largest_half)
+    return OffsetGrid(math.ceil(radius_m / cell_m), cell_m)
+
+
+def offset_likelihood(
+    scores: FloatArray, placement: Placement2d, grid: OffsetGrid, centre_m: FloatArray
+) -> OffsetLikelihood:
+    """Return scores ``(rows, columns)``, -inf where excluded, on a grid of offsets.
+
+    ``centre_m`` ``(2,)`` (east, north) is the offset from the log's position of the prior that the
+    scores are relative to. A grid coarser than the scores keeps the best of each cell; a finer one
+    interpolates.
+    """
+    finite = np.isfinite(scores)
+    if not finite.any():
+        return OffsetLikelihood(np.zeros((grid.size,) * 2, np.float16), grid.cell_m, centre_m)
+    best = float(scores[finite].max())
+    field = np.where(finite, np.maximum(scores - best, _LEAST_LOG), _LEAST_LOG).astype(np.float32)
+    ratio = grid.cell_m / placement.pitch_m
+    if ratio > 1.0:
+        side = 2 * math.ceil(ratio / 2) + 1
+        field = cv2.dilate(field, np.ones((side, side), np.uint8)).astype(np.float32)
+    start = placement.prior_m / placement.pitch_m - grid.half * ratio
+    to_scores = np.array([[ratio, 0.0, start[0]], [0.0, ratio, start[1]]])
+    sampled = cv2.warpAffine(
+        field,
+        to_scores,
+        (grid.size, grid.size),
+        flags=(cv2.INTER_CUBIC if ratio < 1.0 else cv2.INTER_LINEAR) | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=_LEAST_LOG,
+    )
+    levelled = np.clip(sampled - sampled.max(), _LEAST_LOG, 0.0)
+    return OffsetLikelihood(levelled.astype(np.float16), grid.cell_m, centre_m)
+
+
+def posterior_of(likelihood: OffsetLikelihood) -> FloatArray:
+    """Return the posterior ``(n, n)`` of a frame alone, every offset being as likely before."""
+    weights = np.exp(likelihood.log_likelihood.astype(np.float64))
+    return np.asarray(weights / weights.sum())
+
+
+def cell_offsets_m(size: int, cell_m: float, centre_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return east ``(1, n)`` and north ``(n, 1)`` metres of the cells of an offset grid."""
+    steps = (np.arange(size) - size // 2) * cell_m
+    return centre_m[0] + steps[None, :], centre_m[1] - steps[:, None]
+
+
+def best_offset_m(posterior: FloatArray, cell_m: float, centre_m: FloatArray) -> FloatArray:
+    """Return the mean ``(east, north)`` of the posterior ``(n, n)`` around its highest cell."""
+    row, column = np.unravel_index(int(posterior.argmax()), posterior.shape)
+    east, north = cell_offsets_m(len(posterior), cell_m, centre_m)
+    reach_m = max(3.0 * cell_m, 0.5 * TOLERANCE_M)
+    peak = np.array([east[0, column], north[row, 0]])
+    for _ in range(3):  # the mean shifts the neighbourhood it is taken over
+        near = np.hypot(east - peak[0], north - peak[1]) <= reach_m
+        weights = posterior * near
+        total = weights.sum()
+        peak = np.array([(weights * east).sum() / total, (weights * north).sum() / total])
+    return peak
+
+
+def summarise_posterior(
+    posterior: FloatArray, cell_m: float, centre_m: FloatArray, answer_m: FloatArray
+) -> PosteriorSummary:
+    """Return what a posterior ``(n, n)`` says of the error of ``answer_m`` ``(2,)``.
+
+    The covariance is taken about the answer, within the tolerance (a frame on the wrong hill is a
+    matter of confidence, not of spread), and holds at least the variance of a cell.
+    """
+    east, north = cell_offsets_m(len(posterior), cell_m, centre_m)
+    east, north = east - answer_m[0], north - answer_m[1]
+    distance2 = east**2 + north**2
+    near = posterior * (distance2 <= max(TOLERANCE_M, 3.0 * cell_m) ** 2)
+    confidence = float(near.sum())
+    weights = near / max(confidence, 1e-12)
+    covariance = np.array(
+        [
+            [(weights * east**2).sum(), (weights * east * north).sum()],
+            [(weights * east * north).sum(), (weights * north**2).sum()],
+        ]
+    )
+    positive = posterior[posterior > 0]
+    return PosteriorSummary(
+        confidence=min(1.0, confidence),
+        entropy_nats=float(-(positive * np.log(positive)).sum()),
+        sigma_m=math.sqrt(float((posterior * distance2).sum()) / 2.0),
+        covariance_m2=covariance + np.eye(2) * cell_m**2 / 12.0,
+    )
+
+
+def ce90_of(covariance_m2: FloatArray) -> float:
+    """Return the radius that holds 90 % of errors, as if they were normal and alike either way.
+
+    ``sqrt(-2 ln 0.1)`` times the root mean square per axis (exact for a circular normal).
+    """
+    return math.sqrt(-2.0 * math.log(0.1) * float(np.trace(covariance_m2)) / 2.0)

@@ -1,0 +1,254 @@
+"""The whole flight: fuse what frames gave alone, learn its constants, look again, place anew."""
+
+import logging
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uasthn_cli.config import CropTtaConfig
+from uasthn_cli.fusion.constants import FlightConstants, clock_constant, constants_of_views
+from uasthn_cli.fusion.diffusion import fit_diffusion
+from uasthn_cli.fusion.forward_backward import smooth
+from uasthn_cli.fusion.offsets import TOLERANCE_M, OffsetGrid, best_offset_m
+from uasthn_cli.geometry.geodesy import LocalFrame
+from uasthn_cli.pipeline.likelihoods import likelihood_of_look
+from uasthn_cli.pipeline.look import Looker, LookError
+from uasthn_cli.types import (
+    Aligner,
+    Attitude,
+    BoolArray,
+    CameraModel,
+    Fix,
+    FloatArray,
+    FrameFailure,
+    Located,
+    NearLook,
+    Prior,
+    Reason,
+    Similarity,
+)
+
+_log = logging.getLogger(__name__)
+
+PLACEABLE = (Reason.TEXTURELESS, Reason.OFF_MAP, Reason.DEGENERATE_HOMOGRAPHY)
+"""Reasons for which a frame has no answer of its own, yet its camera is known."""
+
+_CONSTANTS_FRAMES = 12
+_CONFIDENT = 0.5
+_NEAR_REACH_M = 15.0
+_NEAR_REACH_PITCHES = 5
+_NEAR_CELLS_PER_PITCH = 4
+_NEAR_MARGIN_PITCHES = 3
+_WHOLE_FRAME = CropTtaConfig(views=1)
+
+RebuildPriors = Callable[[float], dict[str, Prior]]
+"""Priors by frame name when this many seconds are added to the frames' times."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlightFrame:
+    """One frame of the fused flight: its prior in the log, and what it gave alone."""
+
+    prior: Prior
+    located: Located
+
+    @property
+    def single(self) -> Fix | None:
+        """The frame's own answer, if it has one."""
+        return self.located.result if isinstance(self.located.result, Fix) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """A flight after the first fusion.
+
+    ``frames`` in order of time, ``offsets_m`` ``(T, 2)`` (east, north) the error of each logged
+    position, ``posteriors`` ``(T, n, n)`` over the whole search area, ``near_priors`` what is
+    known of each frame now.
+    """
+
+    frames: tuple[FlightFrame, ...]
+    times_s: FloatArray
+    offsets_m: FloatArray
+    posteriors: np.ndarray
+    grid: OffsetGrid
+    diffusion_m_per_sqrt_s: float
+    constants: FlightConstants
+    near_priors: tuple[Prior, ...]
+
+
+class FlightStage:
+    """Fuses a flight and looks at its frames again near where it settled."""
+
+    def __init__(
+        self,
+        wide: Looker,
+        near: Looker,
+        grid: OffsetGrid,
+        rebuild_priors: RebuildPriors,
+    ) -> None:
+        """Keep how the flight was searched and how it is looked at again."""
+        self._wide, self._near, self._grid = wide, near, grid
+        self._rebuild_priors = rebuild_priors
+        self._reach_m = max(_NEAR_REACH_M, _NEAR_REACH_PITCHES * near.pitch_m)
+
+    @property
+    def near_grid(self) -> OffsetGrid:
+        """The offsets that the second look tells apart."""
+        cell_m = self._near.pitch_m / _NEAR_CELLS_PER_PITCH
+        return OffsetGrid(round(self._reach_m / cell_m), cell_m)
+
+    def survey(self, located: Sequence[Located]) -> Survey | None:
+        """Fuse what frames gave alone; None where no frame says anything."""
+        frames = flight_frames(located)
+        likelihoods = [frame.located.likelihood for frame in frames]
+        if not any(likelihood is not None for likelihood in likelihoods):
+            return None
+        times_s = np.array([frame.prior.time_utc_s for frame in frames])
+        velocities_m_s = self._velocities_m_s(frames)
+        speed_m_s = float(np.median(np.linalg.norm(velocities_m_s, axis=1)))
+        diffusion = fit_diffusion(likelihoods, times_s, speed_m_s)
+        smoothed = smooth(likelihoods, times_s, diffusion)
+        cell_m = self._grid.cell_m
+        offsets_m = np.array(
+            [best_offset_m(entry, cell_m, np.zeros(2)) for entry in smoothed.posteriors]
+        )
+        constants = self._constants(frames, offsets_m, velocities_m_s)
+        return Survey(
+            frames=frames,
+            times_s=times_s,
+            offsets_m=offsets_m,
+            posteriors=smoothed.posteriors,
+            grid=self._grid,
+            diffusion_m_per_sqrt_s=diffusion,
+            constants=constants,
+            near_priors=self._near_priors(frames, offsets_m, constants),
+        )
+
+    def look_again(self, survey: Survey, index: int) -> NearLook:
+        """Return how well frame ``index`` fits around where the flight has it."""
+        prior, centre_m = survey.near_priors[index], survey.offsets_m[index]
+        # scores are interpolated: none that is excluded may lie beside the grid's corners
+        radius_m = math.sqrt(2.0) * self._reach_m + _NEAR_MARGIN_PITCHES * self._near.pitch_m
+        try:
+            look = self._near.look(prior, _WHOLE_FRAME, radius_m)
+        except LookError as error:
+            _log.debug("%s: %s", prior.frame.name, error)
+            return NearLook(prior.frame, self._camera(prior), None)
+        likelihood = likelihood_of_look(look, self.near_grid, centre_m)
+        return NearLook(prior.frame, look.scene.camera, likelihood)
+
+    def _camera(self, prior: Prior) -> CameraModel | None:
+        try:
+            return self._near.camera_of(prior)
+        except LookError:
+            return None
+
+    def _velocities_m_s(self, frames: Sequence[FlightFrame]) -> FloatArray:
+        """Return ground velocities ``(T, 2)`` in the log; 0 where it ends a second later."""
+        later = self._rebuild_priors(1.0)
+        local = self._wide.local
+        velocities = []
+        for frame in frames:
+            next_prior = later.get(frame.prior.frame.name, frame.prior)
+            velocities.append(_position_m(next_prior, local) - _position_m(frame.prior, local))
+        return np.array(velocities)
+
+    def _constants(
+        self, frames: Sequence[FlightFrame], offsets_m: FloatArray, velocities_m_s: FloatArray
+    ) -> FlightConstants:
+        """Estimate what stays wrong from frames that alone say what the flight says."""
+        sure = agreeing(frames, offsets_m, self._wide.local)
+        sure &= np.array(
+            [f.single is not None and f.single.trust.confidence > _CONFIDENT for f in frames]
+        )
+        chosen = np.flatnonzero(sure)
+        if chosen.size > _CONSTANTS_FRAMES:
+            chosen = chosen[np.linspace(0, chosen.size - 1, _CONSTANTS_FRAMES).round().astype(int)]
+        similarities = [
+            similarity
+            for index in chosen.tolist()
+            if (similarity := self._similarity(frames[index].prior, offsets_m[index])) is not None
+        ]
+        yaw_rad, log_scale = constants_of_views(similarities)
+        times_s = np.array([frame.prior.time_utc_s for frame in frames])
+        clock_s = clock_constant(
+            times_s[sure], offsets_m[sure], velocities_m_s[sure], self._wide.pitch_m
+        )
+        return FlightConstants(yaw_rad, log_scale, clock_s)
+
+    def _similarity(self, prior: Prior, offset_m: FloatArray) -> Similarity | None:
+        estimator = self._near.estimator
+        if not isinstance(estimator, Aligner):
+            return None
+        moved = moved_prior(prior, offset_m, self._wide.local)
+        try:
+            scene = self._near.scene(moved, _NEAR_REACH_PITCHES * self._wide.pitch_m)
+        except LookError:
+            return None
+        return estimator.similarity(scene.features, scene.thermal, scene.origin_px)
+
+    def _near_priors(
+        self, frames: Sequence[FlightFrame], offsets_m: FloatArray, constants: FlightConstants
+    ) -> tuple[Prior, ...]:
+        """Return each prior moved to where the flight has it, and freed of the flight's constants.
+
+        A corrected clock changes attitude and height; its part in the position is in the offset.
+        """
+        retimed: dict[str, Prior] = {}
+        if constants.clock_to_apply_s:
+            retimed = self._rebuild_priors(constants.clock_to_apply_s)
+        corrected = []
+        for frame, offset_m in zip(frames, offsets_m, strict=True):
+            moved = moved_prior(frame.prior, offset_m, self._wide.local)
+            posed = retimed.get(frame.prior.frame.name, frame.prior)
+            attitude = posed.attitude
+            turned = Attitude(
+                attitude.roll_rad,
+                attitude.pitch_rad,
+                attitude.yaw_rad + constants.yaw_to_apply_rad,
+            )
+            height_m = posed.height_above_ground_m * constants.scale_to_apply
+            corrected.append(replace(moved, attitude=turned, height_above_ground_m=height_m))
+        return tuple(corrected)
+
+
+def flight_frames(located: Sequence[Located]) -> tuple[FlightFrame, ...]:
+    """Return the frames that the flight can place, in order of time."""
+    frames = []
+    for entry in located:
+        result = entry.result
+        is_lost = isinstance(result, FrameFailure) and result.reason not in PLACEABLE
+        if result.prior is not None and not is_lost:
+            frames.append(FlightFrame(result.prior, entry))
+    return tuple(sorted(frames, key=lambda frame: frame.prior.time_utc_s))
+
+
+def agreeing(frames: Sequence[FlightFrame], offsets_m: FloatArray, local: LocalFrame) -> BoolArray:
+    """Tell which frames ``(T,)`` alone say what the flight says, to within the tolerance."""
+    return agreement_m(frames, offsets_m, local) <= TOLERANCE_M
+
+
+def agreement_m(
+    frames: Sequence[FlightFrame], offsets_m: FloatArray, local: LocalFrame
+) -> FloatArray:
+    """Return the distances ``(T,)`` of own and fused camera positions; NaN without an own one."""
+    distances = np.full(len(frames), np.nan)
+    for index, frame in enumerate(frames):
+        if frame.single is not None:
+            own_m = local.to_metres(np.array([frame.single.lat_deg, frame.single.lon_deg]))
+            fused_m = _position_m(frame.prior, local) + offsets_m[index]
+            distances[index] = np.linalg.norm(own_m - fused_m)
+    return distances
+
+
+def moved_prior(prior: Prior, offset_m: FloatArray, local: LocalFrame) -> Prior:
+    """Return a prior ``offset_m`` (east, north) farther."""
+    lat_deg, lon_deg = local.to_degrees(_position_m(prior, local) + offset_m)
+    return replace(prior, lat_deg=float(lat_deg), lon_deg=float(lon_deg))
+
+
+def _position_m(prior: Prior, local: LocalFrame) -> FloatArray:
+    return local.to_metres(np.array([prior.lat_deg, prior.lon_deg]))

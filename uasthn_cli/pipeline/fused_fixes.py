@@ -1,0 +1,172 @@
+"""From a fused flight to one answer per frame."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from uasthn_cli.fusion.forward_backward import smooth
+from uasthn_cli.fusion.offsets import (
+    OffsetGrid,
+    best_offset_m,
+    summarise_posterior,
+)
+from uasthn_cli.geometry.camera import homography_frame_ground
+from uasthn_cli.geometry.geodesy import LocalFrame, distance_m
+from uasthn_cli.geometry.placement import Placement, place_frame, translation
+from uasthn_cli.pipeline.flight_stage import (
+    FlightFrame,
+    Survey,
+    agreeing,
+    agreement_m,
+    moved_prior,
+)
+from uasthn_cli.pipeline.judge import Agreement, Judge
+from uasthn_cli.pipeline.look import Looker
+from uasthn_cli.types import (
+    CameraModel,
+    Fix,
+    FloatArray,
+    FrameResult,
+    Located,
+    MapGrid,
+    NearLook,
+    OffsetLikelihood,
+    Prior,
+    Reason,
+    Source,
+    Trust,
+)
+
+_NEIGHBOURS = 4
+_METRE_GRID = MapGrid(gsd_m=1.0)
+"""A grid of metres: places are computed straight from geometry."""
+
+
+def fused_offsets_m(
+    survey: Survey, near: Sequence[OffsetLikelihood | None], grid: OffsetGrid
+) -> tuple[FloatArray, FloatArray]:
+    """Return offsets ``(T, 2)`` and covariances ``(T, 2, 2)`` from the second look at all frames.
+
+    Where no frame says anything the second time, the first fusion stands.
+    """
+    if not any(entry is not None for entry in near):
+        summaries = [
+            summarise_posterior(entry, survey.grid.cell_m, np.zeros(2), offset_m)
+            for entry, offset_m in zip(survey.posteriors, survey.offsets_m, strict=True)
+        ]
+        return survey.offsets_m, np.array([entry.covariance_m2 for entry in summaries])
+    centred = [
+        entry or _flat(grid, offset_m)
+        for entry, offset_m in zip(near, survey.offsets_m, strict=True)
+    ]
+    smoothed = smooth(centred, survey.times_s, survey.diffusion_m_per_sqrt_s)
+    offsets_m, covariances_m2 = [], []
+    for posterior, centre_m in zip(smoothed.posteriors, survey.offsets_m, strict=True):
+        offset_m = best_offset_m(posterior, grid.cell_m, centre_m)
+        summary = summarise_posterior(posterior, grid.cell_m, centre_m, offset_m)
+        offsets_m.append(offset_m)
+        covariances_m2.append(summary.covariance_m2)
+    return np.array(offsets_m), np.array(covariances_m2)
+
+
+def fused_results(
+    located: Sequence[Located],
+    survey: Survey,
+    near: Sequence[NearLook],
+    grid: OffsetGrid,
+    judge: Judge,
+    looker: Looker,
+) -> list[FrameResult]:
+    """Return the flight's answer for every frame it can place; other frames keep their own.
+
+    ``near`` ``(T,)`` is the second look at the survey's frames, on offsets of ``grid``.
+    """
+    local = looker.local
+    offsets_m, covariances_m2 = fused_offsets_m(survey, [look.likelihood for look in near], grid)
+    apart_m = agreement_m(survey.frames, offsets_m, local)
+    support = support_of(agreeing(survey.frames, offsets_m, local).astype(np.float64))
+    answers: dict[str, Fix] = {}
+    for index, (frame, look) in enumerate(zip(survey.frames, near, strict=True)):
+        if look.camera is None:
+            continue
+        summary = summarise_posterior(
+            survey.posteriors[index], survey.grid.cell_m, np.zeros(2), offsets_m[index]
+        )
+        agreement = Agreement(float(apart_m[index]), float(support[index]))
+        uncertainty_m = frame.single.uncertainty_m if frame.single else math.nan
+        trust = judge.fused(summary, covariances_m2[index], agreement, uncertainty_m)
+        moved_m = offsets_m[index] - survey.offsets_m[index]
+        posed = moved_prior(survey.near_priors[index], moved_m, local)
+        placed = place_from_geometry(look.camera, posed, local)
+        reason = _reason(frame) or judge.doubt_of_fused(trust)
+        answers[look.frame.name] = _fix(frame, placed, trust, reason, local)
+    return [answers.get(_name(entry.result), entry.result) for entry in located]
+
+
+def support_of(agrees: FloatArray) -> FloatArray:
+    """Return for each frame the share ``(T,)`` of near frames in the log's order that agree.
+
+    ``agrees`` ``(T,)`` is 1 where a frame alone says what the flight says; a frame counts among
+    its own neighbours.
+    """
+    kernel = np.ones(2 * _NEIGHBOURS + 1)
+    counted = np.convolve(np.ones(len(agrees)), kernel)[_NEIGHBOURS : _NEIGHBOURS + len(agrees)]
+    total = np.convolve(agrees, kernel)[_NEIGHBOURS : _NEIGHBOURS + len(agrees)]
+    return np.asarray(total / counted)
+
+
+def place_from_geometry(camera: CameraModel, prior: Prior, local: LocalFrame) -> Placement:
+    """Return where a frame lies if its prior is right, on flat ground.
+
+    Raises:
+        HorizonError: a corner of the frame does not look at the ground.
+    """
+    position_m = local.to_metres(np.array([prior.lat_deg, prior.lon_deg]))
+    H_frame_ground = homography_frame_ground(camera, prior.attitude, prior.height_above_ground_m)
+    nadir_px = position_m * (1.0, -1.0)
+    flipped = np.diag([1.0, -1.0, 1.0])
+    H_frame_grid = translation(nadir_px) @ flipped @ H_frame_ground
+    return place_frame(camera, H_frame_grid, nadir_px, _METRE_GRID)
+
+
+def _reason(frame: FlightFrame) -> Reason | None:
+    """Return why a fused answer cannot be accepted whatever the flight says."""
+    own = frame.located.result.reason
+    return own if own in {Reason.OFF_MAP, Reason.TEXTURELESS} else None
+
+
+def _fix(
+    frame: FlightFrame, placed: Placement, trust: Trust, reason: Reason | None, local: LocalFrame
+) -> Fix:
+    degrees = placed.in_degrees(local)
+    prior, single = frame.prior, frame.single
+    prior_deg = np.array([prior.lat_deg, prior.lon_deg])
+    unknown = np.full((4, 2), np.nan)
+    return Fix(
+        prior=prior,
+        lat_deg=float(degrees[0, 0]),
+        lon_deg=float(degrees[0, 1]),
+        center_lat_deg=float(degrees[1, 0]),
+        center_lon_deg=float(degrees[1, 1]),
+        corners_deg=degrees[2:],
+        corner_std_m=single.corner_std_m if single else unknown,
+        uncertainty_m=single.uncertainty_m if single else math.nan,
+        offset_m=float(distance_m(degrees[0], prior_deg)),
+        yaw_deg=placed.yaw_deg,
+        gsd_m=placed.gsd_m,
+        trust=trust,
+        accepted=reason is None,
+        reason=reason,
+        source=Source.FUSED,
+        single=single,
+    )
+
+
+def _flat(grid: OffsetGrid, centre_m: FloatArray) -> OffsetLikelihood:
+    flat = np.zeros((grid.size, grid.size), np.float16)
+    return OffsetLikelihood(flat, grid.cell_m, centre_m)
+
+
+def _name(result: FrameResult) -> str:
+    return result.prior.frame.name if isinstance(result, Fix) else result.frame.name

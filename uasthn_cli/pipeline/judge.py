@@ -1,0 +1,121 @@
+"""From signals to trust: covariance, CE90, risk, and the doubt that rejects."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from uasthn_cli.config import GeotagConfig
+from uasthn_cli.fusion.offsets import PosteriorSummary, ce90_of, posterior_of, summarise_posterior
+from uasthn_cli.types import FloatArray, OffsetLikelihood, Reason, Trust
+from uasthn_cli.uncertainty.calibration import Calibration, Judgement
+from uasthn_cli.uncertainty.decide import doubt
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Distance of a frame's own and the flight's answer; share of near frames that agree."""
+
+    distance_m: float
+    support: float
+
+
+ALONE = Agreement(math.nan, math.nan)
+
+
+class Judge:
+    """Judges answers by a calibration, or by plain limits where there is none."""
+
+    def __init__(self, config: GeotagConfig, calibration: Calibration | None) -> None:
+        """Keep limits and calibration."""
+        self._config = config
+        self._single = None if calibration is None else calibration.single
+        self._fused = None if calibration is None else calibration.fused or calibration.single
+
+    def single(
+        self,
+        likelihood: OffsetLikelihood | None,
+        offset_m: FloatArray,
+        uncertainty_m: float,
+        confidence: float,
+        std_m: FloatArray,
+    ) -> Trust:
+        """Return what is known of a frame's own answer ``offset_m`` from the log's position.
+
+        An estimator without scores states its confidence; its views' spread ``std_m`` ``(4, 2)``
+        stands in for the posterior's.
+        """
+        if likelihood is None:
+            variances = (std_m**2).mean(axis=0)
+            summary = PosteriorSummary(confidence, math.nan, math.nan, np.diag(variances))
+        else:
+            posterior = posterior_of(likelihood)
+            summary = summarise_posterior(
+                posterior, likelihood.cell_m, likelihood.centre_m, offset_m
+            )
+        signals = _signals(summary) | {"u_m": uncertainty_m}
+        return self._trust(summary, summary.covariance_m2, signals, self._single, ALONE)
+
+    def fused(
+        self,
+        summary: PosteriorSummary,
+        covariance_m2: FloatArray,
+        agreement: Agreement,
+        uncertainty_m: float,
+    ) -> Trust:
+        """Return what is known of a fused answer.
+
+        ``summary`` is that of the posterior over the whole search area, ``covariance_m2`` of the
+        one near the answer, ``uncertainty_m`` that of the frame's own answer.
+        """
+        signals = _signals(summary) | {
+            "agreement_m": agreement.distance_m,
+            "support": agreement.support,
+            "u_m": uncertainty_m,
+        }
+        return self._trust(summary, covariance_m2, signals, self._fused, agreement)
+
+    def doubt_of_single(self, uncertainty_m: float, trust: Trust, window_m: float) -> Reason | None:
+        """Return why a frame's own answer is not to be trusted, or None."""
+        limit = None if self._single is None else self._single.max_risk
+        config = self._config.decision
+        return doubt(uncertainty_m, trust.confidence, trust.risk, window_m, config, limit)
+
+    def doubt_of_fused(self, trust: Trust) -> Reason | None:
+        """Return why a fused answer is not to be trusted, or None; its views' spread plays no part.
+
+        Without a calibration a fused answer needs confidence and support.
+        """
+        config = self._config.decision
+        limit = None if self._fused is None else self._fused.max_risk
+        confidence = min(trust.confidence, trust.support)
+        return doubt(0.0, confidence, trust.risk, 0.0, config, limit)
+
+    def _trust(
+        self,
+        summary: PosteriorSummary,
+        covariance_m2: FloatArray,
+        signals: dict[str, float],
+        judgement: Judgement | None,
+        agreement: Agreement,
+    ) -> Trust:
+        scale = 1.0 if judgement is None else judgement.ce90_scale
+        covariance_m2 = (covariance_m2 + np.eye(2) * self._config.map_error_m**2) * scale**2
+        return Trust(
+            confidence=summary.confidence,
+            entropy_nats=summary.entropy_nats,
+            sigma_m=summary.sigma_m,
+            covariance_m2=covariance_m2,
+            ce90_m=ce90_of(covariance_m2),
+            risk=math.nan if judgement is None else judgement.model.risk(signals),
+            agreement_m=agreement.distance_m,
+            support=agreement.support,
+        )
+
+
+def _signals(summary: PosteriorSummary) -> dict[str, float]:
+    return {
+        "confidence": summary.confidence,
+        "entropy": summary.entropy_nats,
+        "sigma_m": summary.sigma_m,
+    }

@@ -1,0 +1,165 @@
+"""Look at one frame: decode, rectify, read the map around it, ask the estimator."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uasthn_cli.config import CropTtaConfig
+from uasthn_cli.geometry.corners import DegenerateHomographyError, transform_points
+from uasthn_cli.geometry.geodesy import LocalFrame
+from uasthn_cli.geometry.pixels import metres_to_grid
+from uasthn_cli.geometry.placement import box_origin
+from uasthn_cli.ingest.cameras import CameraSpec
+from uasthn_cli.ingest.frames import UnreadableFrameError, frame_size_px, read_frame
+from uasthn_cli.mapping.ortho import (
+    FootprintSizeError,
+    ObliqueFrameError,
+    TexturelessFrameError,
+    rectify,
+)
+from uasthn_cli.mapping.tiles import FeatureTiles, aligned_box
+from uasthn_cli.pipeline.timing import StageTimer
+from uasthn_cli.types import (
+    CameraModel,
+    Estimate,
+    Estimator,
+    FloatArray,
+    MapFeatures,
+    MapGrid,
+    Ortho,
+    Prior,
+    Reason,
+)
+from uasthn_cli.uncertainty.views import crop_views_px
+
+_ALIGNMENT_PX = 16
+
+
+class LookError(Exception):
+    """A frame shows nothing that could be placed; ``reason`` is one of the fixed list."""
+
+    def __init__(self, reason: Reason, detail: object) -> None:
+        """Keep the reason and one line of detail."""
+        super().__init__(str(detail))
+        self.reason = reason
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A rectified frame and the map around it; ``origin_px`` as in :class:`types.Estimator`."""
+
+    camera: CameraModel
+    thermal: Ortho
+    features: MapFeatures
+    origin_px: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What an estimator saw: ``views_px`` ``(N, 4, 2)`` of the ortho and where it found them."""
+
+    scene: Scene
+    views_px: FloatArray
+    estimate: Estimate
+
+
+class Looker:
+    """Looks at frames of a flight on one map grid."""
+
+    def __init__(
+        self,
+        camera: CameraSpec,
+        grid: MapGrid,
+        tiles: FeatureTiles,
+        estimator: Estimator,
+        local: LocalFrame,
+        timer: StageTimer,
+    ) -> None:
+        """Keep what all frames share."""
+        self.grid, self.estimator, self.local = grid, estimator, local
+        self._camera, self._tiles, self._timer = camera, tiles, timer
+
+    @property
+    def pitch_m(self) -> float:
+        """Metres between neighbouring scores."""
+        return self.grid.gsd_m * self.estimator.stride_px
+
+    def camera_of(self, prior: Prior) -> CameraModel:
+        """Return the camera of a frame without decoding it.
+
+        Raises:
+            LookError: the frame is unreadable.
+        """
+        try:
+            size = frame_size_px(prior.frame.path)
+            return self._camera.model_of_frame(prior.frame.path, *size)
+        except UnreadableFrameError as error:
+            raise LookError(Reason.UNREADABLE, error) from error
+
+    def look(self, prior: Prior, crops: CropTtaConfig, radius_m: float) -> Look:
+        """Search for a frame within ``radius_m`` of its prior.
+
+        Raises:
+            LookError: it cannot be read or rectified, or there is nothing to search in.
+        """
+        scene = self.scene(prior, radius_m)
+        camera, thermal = scene.camera, scene.thermal
+        frame_views = crop_views_px(camera.width_px, camera.height_px, crops, prior.frame.name)
+        views = transform_points(thermal.H_frame_ortho, frame_views)
+        try:
+            with self._timer.stage("search"):
+                estimate = self.estimator.estimate(scene.features, thermal, views, scene.origin_px)
+        except DegenerateHomographyError as error:
+            raise LookError(Reason.DEGENERATE_HOMOGRAPHY, error) from error
+        return Look(scene, views, estimate)
+
+    def scene(self, prior: Prior, radius_m: float) -> Scene:
+        """Return a frame, rectified, and the map within ``radius_m`` of where it may lie.
+
+        Raises:
+            LookError: it cannot be read or rectified, or the map has nothing there.
+        """
+        camera, thermal = self._rectified(prior)
+        nadir_m = self.local.to_metres(np.array([prior.lat_deg, prior.lon_deg]))
+        ortho_origin_px = metres_to_grid(self.grid, nadir_m) - thermal.nadir_px
+        features = self._read_window(thermal, ortho_origin_px, radius_m)
+        if not features.valid.any():
+            raise LookError(Reason.OFF_MAP, "the search window has no map data")
+        return Scene(camera, thermal, features, ortho_origin_px - box_origin(features.box))
+
+    def _rectified(self, prior: Prior) -> tuple[CameraModel, Ortho]:
+        try:
+            with self._timer.stage("decode"):
+                image = read_frame(prior.frame.path)
+            height_px, width_px = image.shape
+            camera = self._camera.model_of_frame(prior.frame.path, width_px, height_px)
+            with self._timer.stage("rectify"):
+                return camera, rectify(
+                    image, camera, prior, self.grid.gsd_m, multiple_px=_ALIGNMENT_PX
+                )
+        except UnreadableFrameError as error:
+            raise LookError(Reason.UNREADABLE, error) from error
+        except ObliqueFrameError as error:
+            raise LookError(Reason.TOO_OBLIQUE, error) from error
+        except FootprintSizeError as error:
+            raise LookError(Reason.NO_PRIOR, error) from error
+        except TexturelessFrameError as error:
+            raise LookError(Reason.TEXTURELESS, error) from error
+        except DegenerateHomographyError as error:
+            raise LookError(Reason.DEGENERATE_HOMOGRAPHY, error) from error
+
+    def _read_window(
+        self, thermal: Ortho, ortho_origin_px: FloatArray, radius_m: float
+    ) -> MapFeatures:
+        """Return map features of the ortho's box grown by the radius."""
+        height_px, width_px = thermal.image.shape
+        reach_px = 2 * radius_m / thermal.gsd_m
+        centre_px = ortho_origin_px + (np.array([width_px, height_px]) - 1) / 2
+        box = aligned_box(
+            (float(centre_px[0]), float(centre_px[1])),
+            width_px + reach_px,
+            height_px + reach_px,
+            _ALIGNMENT_PX,
+        )
+        with self._timer.stage("map"):
+            return self._tiles.read(box)
