@@ -109,6 +109,12 @@ class TrainingDivergedError(UasthnError):
     exit_code = 24
 
 
+class MissingExtraError(UasthnError):
+    """A feature needs an optional package that is not installed."""
+
+    exit_code = 26
+
+
 class RunInterruptedError(UasthnError):
     """Ctrl-C stopped a run that goes on when the same command is given again."""
 
