@@ -1,5 +1,6 @@
 """Matchers of the vismatch package behind the common seam, by a package that looks like it."""
 
+import logging
 import sys
 from pathlib import Path
 
@@ -28,7 +29,7 @@ def estimate(estimator: VismatchEstimator) -> Estimate:
 
 
 @pytest.mark.usefixtures("fake_vismatch")
-def test_a_matcher_finds_what_it_sees(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_matcher_finds_what_it_sees() -> None:
     estimator = open_vismatch("vismatch:grid", None, "cpu")
     assert estimator.name == "vismatch:grid"
     found = estimate(estimator)
@@ -41,9 +42,17 @@ def test_a_matcher_finds_what_it_sees(capsys: pytest.CaptureFixture[str]) -> Non
     assert frame.dtype == window.dtype == np.float32
     assert (float(frame.min()), float(frame.max())) == (0.0, 1.0)
     assert 0.0 <= window.min() <= window.max() <= 1.0
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert "a matcher that talks" in captured.err
+
+
+@pytest.mark.usefixtures("fake_vismatch")
+def test_what_a_matcher_prints_is_logged(
+    capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.INFO):
+        estimate(open_vismatch("vismatch:grid", None, "cpu"))
+    assert capsys.readouterr().out == ""
+    assert "no connection to the hub" in caplog.text
+    assert "a matcher that talks" in caplog.text
 
 
 @pytest.mark.usefixtures("fake_vismatch")

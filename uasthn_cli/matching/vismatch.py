@@ -3,11 +3,13 @@
 Written against vismatch 1.4; before version 1.1 the package was called image-matching-models.
 """
 
+import logging
 import pickle
-import sys
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from difflib import get_close_matches
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,8 @@ from uasthn_cli.geometry.corners import DegenerateHomographyError
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.keypoint_matches import Matches, estimate_from_matches
 from uasthn_cli.types import Estimate, FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
+
+_log = logging.getLogger(__name__)
 
 PREFIX = "vismatch:"
 
@@ -71,7 +75,7 @@ class VismatchEstimator:
             DegenerateHomographyError: the matcher fails on them.
         """
         try:
-            with redirect_stdout(sys.stderr):
+            with _prints_logged():
                 result = self._matcher(frame, window)
         except _MATCHER_ERRORS as error:
             reason = " ".join(str(error).split())
@@ -127,9 +131,9 @@ def _package(matcher_name: str) -> Any:
 
 
 def _matcher(package: Any, matcher_name: str, device: str, arguments: dict[str, Any]) -> Any:
-    """Return a matcher with its weights; what vismatch prints is kept off standard output."""
+    """Return a matcher with its weights."""
     try:
-        with redirect_stdout(sys.stderr):
+        with _prints_logged():
             return package.get_matcher(matcher_name, device=device, **arguments)
     except ImportError as error:
         raise MissingExtraError(
@@ -141,6 +145,17 @@ def _matcher(package: Any, matcher_name: str, device: str, arguments: dict[str, 
             f"weights of {PREFIX}{matcher_name} cannot be loaded ({reason}); vismatch fetches them"
             " from the Hugging Face hub once and keeps them"
         ) from error
+
+
+@contextmanager
+def _prints_logged() -> Iterator[None]:
+    """Log what is printed meanwhile: standard output is not vismatch's to write on."""
+    with redirect_stdout(StringIO()) as printed:
+        try:
+            yield
+        finally:
+            for line in filter(str.strip, printed.getvalue().splitlines()):
+                _log.info("vismatch: %s", line.strip())
 
 
 def _load_weights(matcher: Any, name: str, path: Path) -> None:
