@@ -15,7 +15,10 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rivals import PriorEstimator, SiftEstimator
+from keypoints import akaze_magsac, has_akaze, sift_magsac
+from mutual_information import MiChannel, MutualInformationEstimator
+from phase_correlation import PhaseCorrelationEstimator
+from prior import PriorEstimator
 from tables import machine_line, markdown_table, number, use_threads
 
 from uasthn_cli.config import GeotagConfig
@@ -32,9 +35,15 @@ TOLERANCE_M = 25.0
 UNIT = "ncc"
 """The estimator whose time others are counted in."""
 
+AKAZE = "akaze-magsac"
+
 ESTIMATORS: dict[str, Callable[[], Estimator]] = {
     "prior": PriorEstimator,
-    "sift-magsac": SiftEstimator,
+    AKAZE: akaze_magsac,
+    "sift-magsac": sift_magsac,
+    "phase-correlation": PhaseCorrelationEstimator,
+    "mi-local": lambda: MutualInformationEstimator(MiChannel.LOCAL),
+    "mi": MutualInformationEstimator,
     "ncc-gradient": lambda: NccEstimator(NccChannel.GRADIENT),
     "ncc": NccEstimator,
     "xcorr": lambda: open_estimator("xcorr"),
@@ -150,6 +159,11 @@ def main(
     """Compare estimators on flights with truth."""
     if len(radii_m) not in {1, len(flights)}:
         raise click.UsageError("give --search-radius once, or once for each flight")
+    if AKAZE in names and not has_akaze():
+        click.echo(
+            f"{AKAZE}: left out; OpenCV 5 has it in opencv-contrib-python-headless", err=True
+        )
+        names = tuple(name for name in names if name != AKAZE)
     use_threads(threads)
     keep_freed_memory()
     scores = []

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from fake_vismatch import pretend_installed
 from small_flight import Flight, make_flight
 
 
@@ -10,3 +11,9 @@ from small_flight import Flight, make_flight
 def flight(tmp_path: Path) -> Flight:
     """Return a new flight of four frames that a test may damage."""
     return make_flight(tmp_path / "flight", count=4)
+
+
+@pytest.fixture
+def fake_vismatch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Install a package that looks like vismatch."""
+    pretend_installed(monkeypatch)

@@ -10,6 +10,7 @@ from uasthn_cli.commands.parameter_types import (
     ANY_NUMBER,
     CrsType,
     DistortionType,
+    EstimatorType,
     StdThresholdType,
 )
 
@@ -49,6 +50,17 @@ def test_distortion_reads_back(coefficients: tuple[float, ...]) -> None:
 def test_distortion_that_is_no_list_of_numbers_is_refused(text: str) -> None:
     with pytest.raises(click.BadParameter):
         DistortionType().convert(text, None, None)
+
+
+@pytest.mark.parametrize("text", ["xcorr", "ncc", "vismatch:xfeat-star", "vismatch:loma-r"])
+def test_estimator_is_understood(text: str) -> None:
+    assert EstimatorType(["xcorr", "ncc"]).convert(text, None, None) == text
+
+
+@pytest.mark.parametrize("text", ["", "sift", "XCORR", "vismatch", "vismatch:", "vismatch:a/b"])
+def test_unknown_estimator_is_refused_with_those_known(text: str) -> None:
+    with pytest.raises(click.BadParameter, match="'xcorr', 'ncc' or 'vismatch:NAME'"):
+        EstimatorType(["xcorr", "ncc"]).convert(text, None, None)
 
 
 @pytest.mark.parametrize(

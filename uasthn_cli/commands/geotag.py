@@ -90,7 +90,8 @@ input_option = section_option("Input")
     "weights_path",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Network weights from `uasthn train`.  [default: those of the package]",
+    help="Network weights from `uasthn train`, or for the vismatch matcher.  [default: those of the"
+    " package]",
 )
 def geotag(
     log_path: Path,

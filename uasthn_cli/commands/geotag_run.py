@@ -123,12 +123,12 @@ def _inputs(job: GeotagJob, run: Run) -> dict[str, Any]:
 
 
 def _weights_path(job: GeotagJob) -> Path | None:
-    """Return the file that the networks are loaded from; None for an estimator without any."""
-    if job.config.estimator != "xcorr":
-        return None
+    """Return the file that networks are loaded from; None without any, or if vismatch has it."""
+    if job.weights_path is not None or job.config.estimator != "xcorr":
+        return job.weights_path
     from uasthn_cli.matching.weights import BUNDLED_XCORR
 
-    return job.weights_path or BUNDLED_XCORR
+    return BUNDLED_XCORR
 
 
 def _file(path: Path) -> dict[str, Any]:

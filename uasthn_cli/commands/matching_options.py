@@ -5,7 +5,12 @@ from typing import Final
 import click
 
 from uasthn_cli.commands.options import gathered
-from uasthn_cli.commands.parameter_types import ABOVE_ZERO, FiniteRange, StdThresholdType
+from uasthn_cli.commands.parameter_types import (
+    ABOVE_ZERO,
+    EstimatorType,
+    FiniteRange,
+    StdThresholdType,
+)
 from uasthn_cli.commands.sections import section_option
 from uasthn_cli.config import (
     Aggregation,
@@ -80,10 +85,12 @@ matching_options: Final = gathered(
     ),
     search_option(
         "--estimator",
-        type=click.Choice(ESTIMATORS),
+        type=EstimatorType(ESTIMATORS),
         default=_CONFIG.estimator,
+        metavar="|".join([*ESTIMATORS, "vismatch:NAME"]),
         show_default=True,
-        help="Learned cross-correlation, or plain normalised correlation of grey values.",
+        help="Learned cross-correlation, plain normalised correlation of grey values, or a matcher"
+        " of the vismatch package.",
     ),
     search_option(
         "--device",

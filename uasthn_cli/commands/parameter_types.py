@@ -67,6 +67,25 @@ class StdThresholdType(click.ParamType[tuple[float, str]]):
         return float(match[1]), match[2]
 
 
+class EstimatorType(click.Choice[str]):
+    """One of the package's own estimators, or ``vismatch:NAME``."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name; whether vismatch has the matcher is known only once it is loaded."""
+        text = str(value)
+        if re.fullmatch(r"vismatch:[\w.-]+", text):
+            return text
+        if text not in self.choices:
+            known = ", ".join(map(repr, self.choices))
+            self.fail(
+                f"{text!r} is not one of {known} or 'vismatch:NAME' with the name of a matcher,"
+                " say vismatch:superpoint-lightglue",
+                param,
+                ctx,
+            )
+        return text
+
+
 class CrsType(click.ParamType[str]):
     """``map`` for the map's own CRS, or ``EPSG:n``."""
 

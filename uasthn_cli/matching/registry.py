@@ -9,6 +9,7 @@ from uasthn_cli.matching.ncc import NccEstimator
 from uasthn_cli.types import Estimator
 
 ESTIMATORS = ("xcorr", "ncc")
+"""Besides these, ``vismatch:NAME`` for the matchers of an optional package."""
 
 
 def open_estimator(
@@ -22,15 +23,21 @@ def open_estimator(
 
     Raises:
         WeightsError: the weights cannot be used, or the estimator takes none.
+        MissingExtraError: the estimator needs an optional package that is not installed.
         ValueError: no estimator has that name.
     """
     if name == "ncc":
         if weights_path is not None:
             raise WeightsError("--estimator ncc uses no weights; leave out --weights")
         return NccEstimator()
+    # torch is heavy: a run with another estimator never loads it
+    estimator: Estimator
     if name == "xcorr":
-        # torch is heavy: a run with another estimator never loads it
         xcorr = import_module("uasthn_cli.matching.xcorr")
-        estimator: Estimator = xcorr.open_xcorr(weights_path, device, symmetries)
+        estimator = xcorr.open_xcorr(weights_path, device, symmetries)
         return estimator
-    raise ValueError(f"unknown estimator {name!r}; known: {', '.join(ESTIMATORS)}")
+    if name.startswith("vismatch:"):
+        vismatch = import_module("uasthn_cli.matching.vismatch")
+        estimator = vismatch.open_vismatch(name, weights_path, device)
+        return estimator
+    raise ValueError(f"unknown estimator {name!r}; known: {', '.join(ESTIMATORS)}, vismatch:NAME")

@@ -17,8 +17,7 @@ _ROUNDS = ((2.5, 0.03), (1.0, 0.012), (0.5, 0.006))
 """Steps in degrees and in log scale: from what a log gets wrong to what a frame can tell."""
 
 _SIDE = 3
-_REACH_STEPS = 2.0
-"""How far outside a grid of hypotheses its paraboloid is believed, in steps."""
+_LARGEST_DEG, _LARGEST_LOG = 8.0, 0.1
 
 Score = Callable[[Tensor, Tensor], Tensor]
 """Best scores ``(n,)`` of n hypotheses, given turned features and masks."""
@@ -27,7 +26,7 @@ Score = Callable[[Tensor, Tensor], Tensor]
 def fit_similarity(score: Score, features: Tensor, mask: Tensor) -> Similarity | None:
     """Return the turn and scale of ``features`` ``(C, h, w)`` under which ``score`` is highest.
 
-    ``mask`` ``(1, h, w)``; None where the scores have no peak within reach.
+    ``mask`` ``(1, h, w)``; None where it lies beyond what a log gets wrong.
     """
     yaw_deg, log_scale = 0.0, 0.0
     for step_deg, step_log in _ROUNDS:
@@ -38,31 +37,31 @@ def fit_similarity(score: Score, features: Tensor, mask: Tensor) -> Similarity |
         hypotheses = hypotheses + torch.tensor([yaw_deg, log_scale]).to(steps)
         turned, masks = _turned(features, mask, torch.deg2rad(hypotheses[:, 0]), hypotheses[:, 1])
         peak = paraboloid_peak(steps, score(turned, masks).double())
-        if peak is None:
-            return None
         yaw_deg, log_scale = yaw_deg + peak[0] * step_deg, log_scale + peak[1] * step_log
+    if abs(yaw_deg) > _LARGEST_DEG or abs(log_scale) > _LARGEST_LOG:
+        return None
     radians = torch.deg2rad(torch.tensor(yaw_deg, dtype=torch.float64))
     return Similarity(float(radians), float(torch.tensor(log_scale, dtype=torch.float64).exp()))
 
 
-def paraboloid_peak(steps: Tensor, scores: Tensor) -> tuple[float, float] | None:
+def paraboloid_peak(steps: Tensor, scores: Tensor) -> tuple[float, float]:
     """Return the top of the paraboloid through ``scores`` ``(n,)`` at ``steps`` ``(n, 2)``.
 
-    Fitted around the best score; None where it opens upwards or its top is far outside.
+    Fitted around the best score, which is the answer where the top is farther than a step from it.
     """
-    distance = (steps - steps[int(scores.argmax())]).norm(dim=1)
+    best = steps[int(scores.argmax())]
+    distance = (steps - best).norm(dim=1)
     weight = torch.exp(-0.5 * distance**2)[:, None]
     x, y = steps[:, 0], steps[:, 1]
     design = torch.stack([torch.ones_like(x), x, y, x * x, y * y, x * y], dim=1)
     solution = torch.linalg.lstsq(design * weight, scores[:, None] * weight).solution[:, 0]
     slope = solution[1:3]
     bend = torch.stack([2 * solution[3], solution[5], solution[5], 2 * solution[4]]).reshape(2, 2)
-    if not bool(torch.linalg.eigvalsh(bend).max() < 0):
-        return None
-    top = -torch.linalg.solve(bend, slope)
-    if not bool((top.abs() <= _SIDE // 2 + _REACH_STEPS).all()):
-        return None
-    return float(top[0]), float(top[1])
+    if bool(torch.linalg.eigvalsh(bend).max() < 0):
+        top = -torch.linalg.solve(bend, slope)
+        if bool(((top - best).abs() <= 1.0).all()):
+            best = top
+    return float(best[0]), float(best[1])
 
 
 def _turned(
