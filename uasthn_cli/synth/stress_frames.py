@@ -4,6 +4,7 @@ Frames are ``(h, w)`` of any depth. Values of 8-bit frames are taken to span 255
 deeper ones what the frame itself spans.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -46,7 +47,7 @@ def retaken(
     if image.dtype == np.uint8:
         return render_sensor(scene_k, rng, camera)
     mean_k = np.float32(image.mean() * KELVIN_PER_COUNT)
-    radiometric = SensorConfig(gain=Gain.RADIOMETRIC, pattern_seed=camera.pattern_seed)
+    radiometric = replace(camera, gain=Gain.RADIOMETRIC)
     return render_sensor(scene_k + mean_k, rng, radiometric).astype(image.dtype)
 
 

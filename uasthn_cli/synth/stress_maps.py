@@ -6,8 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from affine import Affine
 from numpy.typing import NDArray
+from rasterio import windows
 
 from uasthn_cli.errors import SyntheticFlightError
 from uasthn_cli.mapping.georeference import Georeference
@@ -153,11 +153,12 @@ def repeated(
 def _cropped(image: MapImage, first_px: NDArray[np.int_], last_px: NDArray[np.int_]) -> MapImage:
     """Return the pixels from ``first_px`` up to ``last_px`` (x, y), which are where they were."""
     (x0, y0), (x1, y1) = first_px, last_px
+    window = windows.Window(int(x0), int(y0), int(x1 - x0), int(y1 - y0))
     place = Georeference(
         image.place.crs_wkt,
-        image.place.transform * Affine.translation(float(x0), float(y0)),
-        int(x1 - x0),
-        int(y1 - y0),
+        windows.transform(window, image.place.transform),
+        window.width,
+        window.height,
     )
     return MapImage(image.bands[:, y0:y1, x0:x1], place)
 
