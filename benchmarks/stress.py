@@ -143,13 +143,9 @@ def main(
     use_threads(threads)
     options = shlex.split(geotag_options)
     entries: list[Entry] = []
+    wanted = kinds or (() if flights else ("farms", "dunes"))
     with TemporaryDirectory() as scratch:
-        wanted = kinds or (() if flights else ("farms", "dunes"))
-        configs = [FlightConfig(flight_seed, LandscapeKind(kind), frames) for kind in wanted]
-        rendered = [Path(scratch) / f"{config.kind}-{flight_seed}" for config in configs]
-        for folder, config in zip(rendered, configs, strict=True):
-            render_flight(folder, config)
-        every = [*flights, *rendered]
+        every = [*flights, *_rendered(Path(scratch), wanted, frames, flight_seed)]
         asked = [] if only_wrong_place else [StressCategory(name) for name in categories]
         stressed = stress_entries(every, asked, severities, seeds, options)
         misplaced = wrong_place_entries(every, wrong_place_frames, donors, options)
@@ -162,6 +158,13 @@ def main(
     write_text(out / "stress.csv", as_csv(entries))
     write_text(out / "stress.md", table)
     click.echo(table, nl=False)
+
+
+def _rendered(folder: Path, kinds: Iterable[str], frames: int, seed: int) -> Iterator[Path]:
+    """Render a flight over each kind of place; yield their folders."""
+    for kind in kinds:
+        render_flight(folder / f"{kind}-{seed}", FlightConfig(seed, LandscapeKind(kind), frames))
+        yield folder / f"{kind}-{seed}"
 
 
 def _stressed(folder: Path, config: StressConfig, options: Sequence[str]) -> Outcome:
