@@ -55,3 +55,24 @@ def test_wrong_values_are_refused_before_rendering(wrong: tuple[str, str], tmp_p
     assert result.exit_code == 2
     assert wrong[0] in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stressed_flight_is_another_flight(tmp_path: Path) -> None:
+    assert run(tmp_path / "healthy", *SMALL).exit_code == 0
+    result = run(tmp_path / "faded", *SMALL, "--stress", "textureless=0.5")
+    assert result.exit_code == 0
+    names = sorted(path.name for path in (tmp_path / "healthy" / "frames").iterdir())
+    for name in names:
+        frames = [(tmp_path / kind / "frames" / name).read_bytes() for kind in ("healthy", "faded")]
+        assert frames[0] != frames[1]
+    for part in ("map.tif", "flight.tlog", "truth.csv"):
+        parts = [(tmp_path / kind / part).read_bytes() for kind in ("healthy", "faded")]
+        assert parts[0] == parts[1]
+
+
+@pytest.mark.parametrize("wrong", ["haunted", "outdated=1.5", "outdated=", "outdated=much"])
+def test_unknown_stress_is_refused(wrong: str, tmp_path: Path) -> None:
+    result = run(tmp_path / "flight", *SMALL, "--stress", wrong)
+    assert result.exit_code == 2
+    assert "--stress" in result.stderr
+    assert list(tmp_path.iterdir()) == []

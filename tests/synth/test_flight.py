@@ -19,8 +19,9 @@ from uasthn_cli.geometry.corners import (
 from uasthn_cli.geometry.geodesy import LocalFrame, distance_m, from_crs, to_crs
 from uasthn_cli.ingest.mavlink import read_telemetry
 from uasthn_cli.synth.exposures import camera_of, plan_exposures
-from uasthn_cli.synth.flight import RenderedFlight, ground_of, render_flight
+from uasthn_cli.synth.flight import ground_of, render_flight
 from uasthn_cli.synth.flight_config import FlightConfig, SensorConfig
+from uasthn_cli.synth.flight_folder import RenderedFlight
 from uasthn_cli.synth.kinds import Gain, LandscapeKind, Route
 from uasthn_cli.synth.landscape import Landscape, render_landscape
 from uasthn_cli.types import FloatArray

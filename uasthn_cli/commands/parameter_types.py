@@ -6,6 +6,8 @@ from typing import Any, Final
 
 import click
 
+from uasthn_cli.synth.kinds import StressCategory
+
 
 class FiniteNumber(click.types.FloatParamType):
     """A number that is neither infinite nor undefined."""
@@ -99,3 +101,21 @@ class CrsType(click.ParamType[str]):
         if re.fullmatch(r"(?i)epsg:\d+", text) is None:
             self.fail(f"{text!r} is neither 'map' nor an EPSG code such as EPSG:32640", param, ctx)
         return text.upper()
+
+
+class StressType(click.ParamType[tuple[StressCategory, float]]):
+    """A category of stress and its severity of 0 to 1, which is 1 if left out."""
+
+    name = "CATEGORY[=SEVERITY]"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[StressCategory, float]:
+        """Return the category and the severity."""
+        if isinstance(value, tuple):
+            return value
+        name, given, severity = str(value).partition("=")
+        if name not in list(StressCategory):
+            self.fail(f"{name!r} is none of {', '.join(StressCategory)}", param, ctx)
+        strength = FiniteRange(0, 1)(severity, param, ctx) if given else 1.0
+        return StressCategory(name), strength

@@ -6,10 +6,10 @@ from typing import Final
 import click
 
 from uasthn_cli.commands.console import progress, say
-from uasthn_cli.commands.parameter_types import FiniteRange
+from uasthn_cli.commands.parameter_types import FiniteRange, StressType
 from uasthn_cli.commands.sections import SectionedCommand, section_option
-from uasthn_cli.synth.flight_config import FlightConfig, SensorConfig
-from uasthn_cli.synth.kinds import Gain, LandscapeKind, Route
+from uasthn_cli.synth.flight_config import FlightConfig, SensorConfig, StressConfig
+from uasthn_cli.synth.kinds import Gain, LandscapeKind, Route, StressCategory
 
 _EXAMPLES: Final = """\
 \b
@@ -20,6 +20,8 @@ A flight over dunes, then geo-tag it and see how well that went:
   uasthn report out/dunes --baseline prior
 A map in degrees, 16-bit radiometric frames and camera messages in the log:
   uasthn synth flights/degrees --crs EPSG:4326 --gain radiometric --camera-messages
+A flight that should be rejected, for a third of the map is out of date:
+  uasthn synth flights/outdated --stress outdated=0.33
 """
 
 _DEFAULT: Final = FlightConfig()
@@ -28,6 +30,7 @@ place_option = section_option("Place")
 flight_option = section_option("Flight")
 camera_option = section_option("Camera")
 log_option = section_option("Log: what the GPS and the compass get wrong")
+stress_option = section_option("Stress: what makes it hard to place")
 output_option = section_option("Output")
 
 
@@ -158,6 +161,13 @@ output_option = section_option("Output")
     help="The most that the logged height is off, throughout.",
 )
 @log_option("--camera-messages", is_flag=True, help="Log a CAMERA_FEEDBACK at every exposure.")
+@stress_option(
+    "--stress",
+    type=StressType(),
+    help="Make one thing wrong, wholly or to a share of 0 to 1: "
+    + ", ".join(StressCategory)
+    + ". The truth stays true.",
+)
 @output_option("--jpeg-map", is_flag=True, help="Compress the map as JPEG, a fifth of the size.")
 @output_option("--overwrite", is_flag=True, help="Replace the rendered flight that is in OUT.")
 def synth(
@@ -180,6 +190,7 @@ def synth(
     yaw_bias_deg: float,
     height_bias: float,
     camera_messages: bool,
+    stress: tuple[StressCategory, float] | None,
     jpeg_map: bool,
     overwrite: bool,
 ) -> None:
@@ -191,6 +202,7 @@ def synth(
     flight. The same options give the same bytes.
     """
     from uasthn_cli.synth.flight import render_flight
+    from uasthn_cli.synth.stress import render_stressed_flight
 
     config = FlightConfig(
         seed=seed,
@@ -215,7 +227,13 @@ def synth(
         sensor=SensorConfig(gain=Gain(gain), pattern_seed=seed),
     )
     with progress("Rendering", frames) as advance:
-        flight = render_flight(out, config, overwrite=overwrite, on_frame=advance)
+        if stress is None:
+            flight = render_flight(out, config, overwrite=overwrite, on_frame=advance)
+        else:
+            wrong = StressConfig(*stress, seed=seed)
+            flight = render_stressed_flight(
+                out, config, wrong, overwrite=overwrite, on_frame=advance
+            )
     click.echo(out)
     say(
         f"geo-tag it: uasthn geotag {flight.log} {flight.frames} --map {flight.map}"

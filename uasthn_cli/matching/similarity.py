@@ -18,6 +18,7 @@ _ROUNDS = ((2.5, 0.03), (1.0, 0.012), (0.5, 0.006))
 
 _SIDE = 3
 _LARGEST_DEG, _LARGEST_LOG = 8.0, 0.1
+"""More than a log gets wrong: where the best lies here, nothing fits."""
 
 Score = Callable[[Tensor, Tensor], Tensor]
 """Best scores ``(n,)`` of n hypotheses, given turned features and masks."""

@@ -3,17 +3,14 @@
 import csv
 import io
 import math
-import os
-import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uasthn_cli.errors import OutputError, SyntheticFlightError
+from uasthn_cli.errors import SyntheticFlightError
 from uasthn_cli.geometry.corners import image_corners_px, transform_points
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.synth.exposures import (
@@ -24,6 +21,7 @@ from uasthn_cli.synth.exposures import (
     random_stream,
 )
 from uasthn_cli.synth.flight_config import FlightConfig
+from uasthn_cli.synth.flight_folder import RenderedFlight, flight_in, staged_flight
 from uasthn_cli.synth.flight_log import LogBook
 from uasthn_cli.synth.landscape import render_landscape
 from uasthn_cli.synth.map_raster import Ground, write_map
@@ -39,16 +37,6 @@ TRUTH_COLUMNS = (
 
 _MARGIN_M = 60.0
 _MOST_PIXELS = 60_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class RenderedFlight:
-    """Where a flight's files lie."""
-
-    map: Path
-    frames: Path
-    log: Path
-    truth: Path
 
 
 def render_flight(
@@ -67,17 +55,9 @@ def render_flight(
         OutputError: the folder exists already and ``overwrite`` is false, is not a rendered
             flight, or cannot be written.
     """
-    _check_target(out, overwrite)
-    staging = out.with_name(f".{out.name}.{os.getpid()}.tmp")
-    try:
-        (staging / "frames").mkdir(parents=True)
+    with staged_flight(out, overwrite=overwrite) as staging:
         _render_into(staging, config, on_frame)
-        _swap(staging, out)
-    except OSError as error:
-        raise OutputError(f"cannot write {out}: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-    return RenderedFlight(out / "map.tif", out / "frames", out / "flight.tlog", out / "truth.csv")
+    return flight_in(out)
 
 
 def frame_image(
@@ -123,16 +103,16 @@ def ground_of(config: FlightConfig, exposures: list[Exposure]) -> Ground:
 
 
 def _render_into(
-    folder: Path, config: FlightConfig, on_frame: Callable[[int], None] | None
+    flight: RenderedFlight, config: FlightConfig, on_frame: Callable[[int], None] | None
 ) -> None:
-    """Write all four parts of a flight into a folder."""
+    """Write all four parts of a flight."""
     trajectory, exposures = plan_exposures(config)
     ground = ground_of(config, exposures)
     place = render_landscape(
         config.seed, (ground.width_px, ground.height_px), ground.gsd_m, kind=config.kind
     )
     write_map(
-        folder / "map.tif",
+        flight.map,
         place.rgb,
         ground,
         crs=config.crs,
@@ -146,11 +126,11 @@ def _render_into(
     for index, exposure in enumerate(exposures):
         seen = frame_image(temperature, ground, exposure, size_px)
         frame = render_sensor(seen, random_stream(config, Stream.CAMERA, index), config.sensor)
-        _write_png(folder / "frames" / exposure.name, frame)
+        _write_png(flight.frames / exposure.name, frame)
         if on_frame is not None:
             on_frame(index + 1)
-    _write_truth(folder / "truth.csv", config, ground.frame, exposures)
-    _write_log(folder / "flight.tlog", config, ground.frame, trajectory, exposures)
+    _write_truth(flight.truth, config, ground.frame, exposures)
+    _write_log(flight.log, config, ground.frame, trajectory, exposures)
 
 
 def _write_truth(
@@ -198,24 +178,3 @@ def _write_png(path: Path, frame: NDArray[np.uint8] | NDArray[np.uint16]) -> Non
     """Write one frame, 8 or 16 bits."""
     _, encoded = cv2.imencode(".png", frame)
     path.write_bytes(encoded.tobytes())
-
-
-def _check_target(out: Path, overwrite: bool) -> None:
-    """Refuse to replace what was not asked to be replaced, or is no rendered flight."""
-    if not out.exists():
-        return
-    if not overwrite:
-        raise OutputError(f"{out} exists already; choose another folder or give --overwrite")
-    if not out.is_dir() or not {"map.tif", "truth.csv"} <= {p.name for p in out.iterdir()}:
-        raise OutputError(f"{out} is not a rendered flight, so it is not overwritten")
-
-
-def _swap(staging: Path, out: Path) -> None:
-    """Put the finished folder in its place; the one that stood there goes last."""
-    if not out.exists():
-        staging.replace(out)
-        return
-    retired = out.with_name(f".{out.name}.{os.getpid()}.old")
-    out.replace(retired)
-    staging.replace(out)
-    shutil.rmtree(retired, ignore_errors=True)

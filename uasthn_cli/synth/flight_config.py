@@ -5,9 +5,10 @@ Every default of the workshop, free of heavy imports.
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from uasthn_cli.errors import SyntheticFlightError
-from uasthn_cli.synth.kinds import Gain, LandscapeKind, Route
+from uasthn_cli.synth.kinds import Gain, LandscapeKind, Route, StressCategory
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,3 +112,26 @@ class FlightConfig:
             return self.map_crs
         zone = min(60, int((self.lon_deg + 180.0) // 6.0) + 1)
         return f"EPSG:{(32600 if self.lat_deg >= 0.0 else 32700) + zone}"
+
+
+@dataclass(frozen=True, slots=True)
+class StressConfig:
+    """What to make wrong with a flight, and how much: ``severity`` 0 (nothing) to 1.
+
+    ``donors`` are GeoTIFFs of other places that replace ground of the map; without any, landscapes
+    are rendered for that. A wrong place is wrong altogether at any severity above 0.
+    """
+
+    category: StressCategory
+    severity: float = 1.0
+    seed: int = 0
+    donors: tuple[Path, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse a severity that has no meaning.
+
+        Raises:
+            SyntheticFlightError: it is not within 0 and 1.
+        """
+        if not 0.0 <= self.severity <= 1.0:
+            raise SyntheticFlightError(f"severity {self.severity} of {self.category}: 0 to 1")

@@ -30,3 +30,21 @@ class Gain(StrEnum):
     PLATEAU = "plateau"
     PERCENTILE = "percentile"
     RADIOMETRIC = "radiometric"
+
+
+class StressCategory(StrEnum):
+    """What is made wrong with a healthy flight: the paper's six failure cases, and a wrong place.
+
+    ``textureless``: the scene fades into the sensor's noise; ``exposure``: too bright or too dark,
+    clipped, with noise and stripes; ``geometry``: the frame's corners are shifted;
+    ``self-similar``: map and frames show one pattern repeated; ``beyond-map``: the map ends below
+    the flight; ``outdated``: other land cover on the map; ``wrong-place``: another place's map.
+    """
+
+    TEXTURELESS = "textureless"
+    EXPOSURE = "exposure"
+    GEOMETRY = "geometry"
+    SELF_SIMILAR = "self-similar"
+    BEYOND_MAP = "beyond-map"
+    OUTDATED = "outdated"
+    WRONG_PLACE = "wrong-place"

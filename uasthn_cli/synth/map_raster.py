@@ -87,9 +87,20 @@ def write_map(
         dst_crs=crs,
         resampling=Resampling.average if gsd_m >= 1.5 * ground.gsd_m else Resampling.cubic,
     )
+    write_tiles(path, bands, transform, crs, jpeg=jpeg)
+
+
+def write_tiles(
+    path: Path, bands: NDArray[np.uint8], transform: Affine, crs: str, *, jpeg: bool
+) -> None:
+    """Write colours ``(3, h, w)`` as a tiled GeoTIFF with overviews, whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        _write_tiles(temporary, bands, transform, crs, jpeg=jpeg)
+        _write_raster(temporary, bands, transform, crs, jpeg=jpeg)
         temporary.replace(path)
     except (OSError, rasterio.errors.RasterioError) as error:
         raise OutputError(f"cannot write {path}: {error}") from error
@@ -115,7 +126,7 @@ def _map_grid(ground: Ground, crs: str, gsd_m: float) -> tuple[Affine, int, int]
     return from_origin(x0, y1, step_x, step_y), max(1, width), max(1, height)
 
 
-def _write_tiles(
+def _write_raster(
     path: Path, bands: NDArray[np.uint8], transform: Affine, crs: str, *, jpeg: bool
 ) -> None:
     """Write the raster and halve it until an overview fits one tile."""
