@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from uasthn_cli.commands.console import say
-from uasthn_cli.commands.matching_options import matching_options, search_option
+from uasthn_cli.commands.matching_options import matching_options, search_option, trust_option
 from uasthn_cli.commands.options import (
     camera_options,
     out_option,
@@ -23,6 +23,7 @@ from uasthn_cli.config import GeotagConfig, PriorConfig
 if TYPE_CHECKING:
     from uasthn_cli.ingest.cameras import CameraSpec
     from uasthn_cli.types import FrameResult
+    from uasthn_cli.uncertainty.calibration import Calibration
 
 _EXAMPLES: Final = """\
 \b
@@ -93,6 +94,15 @@ input_option = section_option("Input")
     help="Network weights from `uasthn train`, or for the vismatch matcher.  [default: those of the"
     " package]",
 )
+@trust_option(
+    "--calibration",
+    "calibration_name",
+    metavar="FILE|default|none",
+    default="default",
+    show_default=True,
+    help="By what answers are accepted: a file of `uasthn calibrate`, the one made for the weights"
+    " in the box, or plain limits (--max-std, --min-confidence).",
+)
 def geotag(
     log_path: Path,
     frames_path: Path,
@@ -103,6 +113,7 @@ def geotag(
     truth_path: Path | None,
     frame_times_csv: Path | None,
     weights_path: Path | None,
+    calibration_name: str,
     camera: "CameraSpec",
     prior: PriorConfig,
     config: GeotagConfig,
@@ -125,10 +136,31 @@ def geotag(
         frame_times_csv=frame_times_csv,
         config=config,
         weights_path=weights_path,
+        calibration=chosen_calibration(calibration_name, config.estimator, weights_path),
     )
     results = geotag_to_folder(job, Target(out, truth_path, crs, overwrite))
     say_summary(results)
     say(f"Results are in {out}; figures: uasthn report {out}")
+
+
+def chosen_calibration(
+    name: str, estimator: str, weights_path: Path | None
+) -> "Calibration | None":
+    """Return the calibration asked for; the default one speaks of the weights in the box only.
+
+    Raises:
+        CalibrationError: the file cannot be used.
+    """
+    from uasthn_cli.uncertainty.calibration import load_bundled_calibration, load_calibration
+
+    if name == "none":
+        return None
+    if name != "default":
+        return load_calibration(Path(name))
+    if estimator != "xcorr" or weights_path is not None:
+        say("Answers are judged by plain limits: the default calibration is for other weights")
+        return None
+    return load_bundled_calibration()
 
 
 def require_known_crs(crs: str | None) -> None:

@@ -1,16 +1,13 @@
 """One geo-tagging run from its inputs to a results folder; ``geotag`` and ``demo`` share it."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from uasthn_cli.commands.console import progress
-from uasthn_cli.errors import RunInterruptedError
+from uasthn_cli.commands.console import say
+from uasthn_cli.commands.geotag_steps import finish_run, geotag_journals
 from uasthn_cli.matching.memory import keep_freed_memory
-from uasthn_cli.outputs.journal import Journal
 from uasthn_cli.outputs.run_record import (
     RunRecord,
     RunTiming,
@@ -39,7 +36,7 @@ class Target:
 def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
     """Geo-tag a flight, write its results folder and return the results in frame order.
 
-    A run that was interrupted goes on from its journal.
+    A run that was interrupted goes on from its journals.
 
     Raises:
         UasthnError: an input or the output cannot be used, or Ctrl-C (``RunInterruptedError``).
@@ -53,11 +50,10 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
             truth.require_match(names)
         prepare_output(target.out, target.overwrite)
         inputs = _inputs(job, run)
-        fingerprint = fingerprint_of(job.config, job.prior, job.camera, inputs)
-        with _journal(target.out, fingerprint) as journal:
-            taken_over = len(journal.finished)
-            write_s = _finish(run, journal, target.out)
-            results = [journal.finished[name] for name in names]
+        fingerprint = fingerprint_of(job.config, job.prior, job.camera, job.calibration, inputs)
+        with geotag_journals(target.out, fingerprint) as journals:
+            taken_over = len(journals.located.finished)
+            outcome = finish_run(run, journals, fuse=job.config.fuse)
             record = RunRecord(
                 arguments=_arguments(job, target),
                 inputs=inputs if truth is None else inputs | {"truth": _file(truth.path)},
@@ -65,47 +61,18 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
                     started_utc_s=started_utc_s,
                     wall_s=time.perf_counter() - started_s,
                     computed_frames=len(names) - taken_over,
-                    stage_s={**run.timings, "write": write_s},
+                    stage_s={**run.timings, "write": outcome.write_s},
                 ),
+                calibration=job.calibration,
+                flight=outcome.flight,
                 **_described(job, run),
             )
             crs = run.map_crs if target.crs == MAP_CRS else target.crs
-            write_run(target.out, results, record, truth, crs)
-            journal.remove()
-    return results
-
-
-@contextmanager
-def _journal(out: Path, fingerprint: str) -> Iterator[Journal]:
-    """Open the journal; one that holds no frame when the run ends badly leaves no trace."""
-    with Journal(out, fingerprint) as journal:
-        try:
-            yield journal
-        except BaseException:
-            if not journal.finished:
-                journal.remove()
-                if not any(out.iterdir()):
-                    out.rmdir()
-            raise
-
-
-def _finish(run: Run, journal: Journal, out: Path) -> float:
-    """Compute what the journal does not hold yet; return the seconds spent on writing it."""
-    write_s = 0.0
-    total = run.frame_count
-    try:
-        with progress("geo-tagging", total, done=len(journal.finished)) as advance:
-            for result in run.results(skip=frozenset(journal.finished)):
-                before_s = time.perf_counter()
-                journal.append(result)
-                write_s += time.perf_counter() - before_s
-                advance(len(journal.finished))
-    except KeyboardInterrupt as interrupt:
-        raise RunInterruptedError(
-            f"interrupted after {len(journal.finished)} of {total} frames, which are kept in"
-            f" {out}; give the same command again to go on"
-        ) from interrupt
-    return write_s
+            write_run(target.out, outcome.results, record, truth, crs)
+            journals.remove()
+    for line in outcome.said:
+        say(line)
+    return outcome.results
 
 
 def _inputs(job: GeotagJob, run: Run) -> dict[str, Any]:

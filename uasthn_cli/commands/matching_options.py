@@ -13,6 +13,8 @@ from uasthn_cli.commands.parameter_types import (
 )
 from uasthn_cli.commands.sections import section_option
 from uasthn_cli.config import (
+    FALLBACK_MAX_STD_M,
+    FALLBACK_MIN_CONFIDENCE,
     Aggregation,
     CropTtaConfig,
     DecisionConfig,
@@ -27,6 +29,7 @@ DEVICES: Final = ("auto", "cpu", "cuda")
 _CONFIG: Final = GeotagConfig()
 
 search_option = section_option("Search")
+flight_option = section_option("Flight")
 trust_option = section_option("Trust")
 
 
@@ -41,12 +44,14 @@ def _geotag_config(
     crop_offset_fraction: float,
     seed: int,
     aggregation: str,
-    max_std: tuple[float, str],
+    fuse: bool,
+    map_error_m: float,
+    max_std: tuple[float, str] | None,
     rule: str,
-    min_confidence: float,
+    min_confidence: float | None,
 ) -> GeotagConfig:
     """Return everything that shapes the result apart from inputs, camera and clock."""
-    limit, unit = max_std
+    limit, unit = max_std or (None, "m")
     return GeotagConfig(
         estimator=estimator,
         search_radius_m=search_radius_m,
@@ -55,8 +60,10 @@ def _geotag_config(
         symmetries=symmetries,
         crops=CropTtaConfig(views, Sampling(crop_sampling), crop_offset_fraction, seed),
         aggregation=Aggregation(aggregation),
+        fuse=fuse,
+        map_error_m=map_error_m,
         decision=DecisionConfig(
-            max_std_m=limit if unit == "m" else _CONFIG.decision.max_std_m,
+            max_std_m=limit if unit == "m" else None,
             max_std_px=limit if unit == "px" else None,
             rule=Rule(rule),
             min_confidence=min_confidence,
@@ -107,6 +114,22 @@ matching_options: Final = gathered(
         show_default=True,
         help="Orientations (1 to 8) in which xcorr sees frame and map; fewer are faster.",
     ),
+    flight_option(
+        "--fuse/--no-fuse",
+        default=_CONFIG.fuse,
+        show_default=True,
+        help="Let the whole flight settle every frame, or let each stand alone.",
+    ),
+    trust_option(
+        "--map-error",
+        "map_error_m",
+        type=FiniteRange(min=0),
+        default=_CONFIG.map_error_m,
+        metavar="M",
+        show_default=True,
+        help="Standard deviation of the map's own registration, each way: part of every"
+        " uncertainty.",
+    ),
     trust_option(
         "--crops",
         "views",
@@ -151,10 +174,9 @@ matching_options: Final = gathered(
         "--max-std",
         type=StdThresholdType(),
         metavar="10m|4px",
-        default=f"{_CONFIG.decision.max_std_m:g}m",
-        show_default=True,
-        help="Standard deviation of the corners beyond which a frame is rejected: metres on the"
-        " ground, or pixels of the search window at the paper's width of 256.",
+        help="Standard deviation of the corners beyond which a frame's own answer is rejected:"
+        " metres on the ground, or pixels of the search window at the paper's width of 256."
+        f"  [default: left to the calibration; {FALLBACK_MAX_STD_M:g}m without one]",
     ),
     trust_option(
         "--rule",
@@ -167,9 +189,8 @@ matching_options: Final = gathered(
     trust_option(
         "--min-confidence",
         type=FiniteRange(0, 1),
-        default=_CONFIG.decision.min_confidence,
         metavar="SHARE",
-        show_default=True,
-        help="Reject as ambiguous when the estimator itself believes less in its answer.",
+        help="Reject as ambiguous when less of the posterior lies within 25 m of the answer."
+        f"  [default: left to the calibration; {FALLBACK_MIN_CONFIDENCE:g} without one]",
     ),
 )

@@ -71,4 +71,5 @@ def masked_correlation(window: Tensor, valid: Tensor, template: Tensor, masks: T
     total = at_every_shift(spectrum * mask_spectrum)
     squares = at_every_shift(torch.fft.rfft2(window**2) * mask_spectrum)
     spread = (squares - total**2 / covered).clamp_min(_EPSILON * covered)
-    return response / (norm * spread.sqrt()).clamp_min(_EPSILON)
+    correlation: Tensor = response / (norm * spread.sqrt()).clamp_min(_EPSILON)
+    return correlation

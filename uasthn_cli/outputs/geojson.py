@@ -9,6 +9,7 @@ import numpy as np
 from uasthn_cli.outputs.formatting import (
     DEGREE_DECIMALS,
     METRE_DECIMALS,
+    SHARE_DECIMALS,
     finite_or_none,
     frame_of,
     iso_utc,
@@ -103,8 +104,10 @@ def _fix_properties(fix: Fix) -> dict[str, Any]:
         "u_m": finite_or_none(fix.uncertainty_m, METRE_DECIMALS),
         "offset_m": finite_or_none(fix.offset_m, METRE_DECIMALS),
         "yaw_deg": finite_or_none(fix.yaw_deg, METRE_DECIMALS),
+        "ce90_m": finite_or_none(fix.trust.ce90_m, METRE_DECIMALS),
+        "risk": finite_or_none(fix.trust.risk, SHARE_DECIMALS),
         "agl_m": finite_or_none(fix.prior.height_above_ground_m, METRE_DECIMALS),
-        "source": fix.source,
+        "source": fix.source.value,
     }
 
 

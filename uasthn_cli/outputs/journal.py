@@ -2,23 +2,55 @@
 
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Final, Self
+from typing import BinaryIO, Final, Generic, Self, TypeVar
 
 from uasthn_cli.errors import OutputError
 from uasthn_cli.outputs.formatting import frame_of
-from uasthn_cli.outputs.result_json import decode_result, encode_result
-from uasthn_cli.types import FrameResult
+from uasthn_cli.outputs.result_json import (
+    decode_located,
+    decode_near_look,
+    encode_located,
+    encode_near_look,
+)
+from uasthn_cli.types import Located, NearLook
 
 LOGGER = logging.getLogger(__name__)
 
-JOURNAL_NAME: Final = ".frames.partial.jsonl"
+T = TypeVar("T")
 
 
-class Journal:
+@dataclass(frozen=True, slots=True)
+class JournalKind(Generic[T]):
+    """What a journal holds: its file, one entry as a line and back, and the frame it is of."""
+
+    file_name: str
+    encode: Callable[[T], str]
+    decode: Callable[[bytes], T]
+    frame_name: Callable[[T], str]
+
+
+LOCATED: Final = JournalKind(
+    ".frames.partial.jsonl",
+    encode_located,
+    decode_located,
+    lambda located: frame_of(located.result).name,
+)
+"""What frames gave alone."""
+
+NEAR_LOOKS: Final = JournalKind(
+    ".near.partial.jsonl", encode_near_look, decode_near_look, lambda look: look.frame.name
+)
+"""Second looks, near where the flight settled."""
+
+JOURNAL_NAME: Final = LOCATED.file_name
+
+
+class Journal(Generic[T]):
     """One line of JSON per finished frame, behind a first line that says what it belongs to.
 
     Opening reads back what an earlier run with the same fingerprint finished (``finished``, by
@@ -26,16 +58,16 @@ class Journal:
     arguments is discarded.
     """
 
-    def __init__(self, out_dir: Path, fingerprint: str) -> None:
+    def __init__(self, out_dir: Path, fingerprint: str, kind: JournalKind[T]) -> None:
         """Open or start the journal of a results folder.
 
         Raises:
             OutputError: it cannot be read or written.
         """
-        self.path = out_dir / JOURNAL_NAME
+        self.path, self._kind = out_dir / kind.file_name, kind
         header = (json.dumps({"fingerprint": fingerprint}) + "\n").encode("ascii")
         try:
-            self._finished, kept_bytes = _read_back(self.path, header)
+            self._finished, kept_bytes = _read_back(self.path, header, kind)
             self._file: BinaryIO = self.path.open("r+b" if kept_bytes else "wb")
             self._file.truncate(kept_bytes)
             self._file.seek(kept_bytes)
@@ -45,21 +77,21 @@ class Journal:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from error
 
     @property
-    def finished(self) -> Mapping[str, FrameResult]:
-        """Results by frame name: read back, and appended since."""
+    def finished(self) -> Mapping[str, T]:
+        """Entries by frame name: read back, and appended since."""
         return self._finished
 
-    def append(self, result: FrameResult) -> None:
+    def append(self, entry: T) -> None:
         """Add a finished frame; it survives the death of the process from here on.
 
         Raises:
             OutputError: the journal cannot be written (say, a full disk).
         """
         try:
-            self._write(encode_result(result).encode("ascii") + b"\n")
+            self._write(self._kind.encode(entry).encode("ascii") + b"\n")
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from error
-        self._finished[frame_of(result).name] = result
+        self._finished[self._kind.frame_name(entry)] = entry
 
     def close(self) -> None:
         """Close the file and keep it for the next run.
@@ -93,8 +125,8 @@ class Journal:
         self._file.flush()
 
 
-def _read_back(path: Path, header: bytes) -> tuple[dict[str, FrameResult], int]:
-    """Return finished results by frame name, and how many bytes of the file hold them."""
+def _read_back(path: Path, header: bytes, kind: JournalKind[T]) -> tuple[dict[str, T], int]:
+    """Return finished entries by frame name, and how many bytes of the file hold them."""
     try:
         content = path.read_bytes()
     except FileNotFoundError:
@@ -102,16 +134,16 @@ def _read_back(path: Path, header: bytes) -> tuple[dict[str, FrameResult], int]:
     if not content.startswith(header):
         LOGGER.warning("%s belongs to other inputs or arguments and is discarded", path)
         return {}, 0
-    finished: dict[str, FrameResult] = {}
+    finished: dict[str, T] = {}
     kept_bytes = len(header)
     for line in content[kept_bytes:].splitlines(keepends=True):
         try:
-            result = decode_result(line)
+            entry = kind.decode(line)
         except ValueError:
             break
         if not line.endswith(b"\n"):
             break
-        finished[frame_of(result).name] = result
+        finished[kind.frame_name(entry)] = entry
         kept_bytes += len(line)
     LOGGER.info("%d finished frames are taken over from %s", len(finished), path)
     return finished, kept_bytes

@@ -1,10 +1,12 @@
-"""A frame's result as one line of JSON and back, every float exactly as it was.
+"""What is finished of a frame as one line of JSON and back, every float exactly as it was.
 
 Python writes a float as the shortest decimal that reads back as the same float, and writes NaN and
-infinities as ``NaN`` and ``Infinity``, which it also reads.
+infinities as ``NaN`` and ``Infinity``, which it also reads. Likelihoods are half floats, packed.
 """
 
+import base64
 import json
+import zlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,33 +15,74 @@ import numpy as np
 
 from uasthn_cli.types import (
     Attitude,
+    CameraModel,
     Fix,
     FrameFailure,
     FrameFile,
     FrameResult,
+    Located,
+    NearLook,
+    OffsetLikelihood,
     Prior,
     Reason,
+    Source,
+    Trust,
 )
 
 
-def encode_result(result: FrameResult) -> str:
-    """Return a result as one line of ASCII JSON without a line end."""
-    kind = "fix" if isinstance(result, Fix) else "failure"
-    return json.dumps({"kind": kind, "result": asdict(result)}, default=_plain)
+def encode_located(located: Located) -> str:
+    """Return what a frame gave alone as one line of ASCII JSON without a line end."""
+    result = located.result
+    return json.dumps(
+        {
+            "kind": "fix" if isinstance(result, Fix) else "failure",
+            "result": asdict(result),
+            "likelihood": _packed(located.likelihood),
+        },
+        default=_plain,
+    )
 
 
-def decode_result(line: str | bytes) -> FrameResult:
-    """Return the result that :func:`encode_result` wrote.
+def decode_located(line: str | bytes) -> Located:
+    """Return what :func:`encode_located` wrote.
 
     Raises:
         ValueError: the line is torn, or of another version of the program.
     """
     try:
         entry = json.loads(line)
-        fields = _fields(entry["result"])
-        return Fix(**fields) if entry["kind"] == "fix" else FrameFailure(**fields)
-    except (KeyError, TypeError, AttributeError) as error:
+        fields = entry["result"]
+        result: FrameResult = _fix(fields) if entry["kind"] == "fix" else _failure(fields)
+        return Located(result, _unpacked(entry["likelihood"]))
+    except (KeyError, TypeError, AttributeError, zlib.error) as error:
         raise ValueError(f"not a result of this version: {error}") from error
+
+
+def encode_near_look(look: NearLook) -> str:
+    """Return a second look as one line of ASCII JSON without a line end."""
+    camera = None if look.camera is None else asdict(look.camera)
+    entry = {
+        "frame": asdict(look.frame),
+        "camera": camera,
+        "likelihood": _packed(look.likelihood),
+    }
+    return json.dumps(entry, default=_plain)
+
+
+def decode_near_look(line: str | bytes) -> NearLook:
+    """Return what :func:`encode_near_look` wrote.
+
+    Raises:
+        ValueError: the line is torn, or of another version of the program.
+    """
+    try:
+        entry = json.loads(line)
+        camera = entry["camera"]
+        if camera is not None:
+            camera = CameraModel(**(camera | {"distortion": tuple(camera["distortion"])}))
+        return NearLook(_frame(entry["frame"]), camera, _unpacked(entry["likelihood"]))
+    except (KeyError, TypeError, AttributeError, zlib.error) as error:
+        raise ValueError(f"not a look of this version: {error}") from error
 
 
 def _plain(value: Any) -> Any:
@@ -51,17 +94,50 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no place in a result")
 
 
-def _fields(values: dict[str, Any]) -> dict[str, Any]:
-    """Give the fields of a result their types back."""
-    fields = dict(values)
-    fields["reason"] = None if fields["reason"] is None else Reason(fields["reason"])
-    fields["prior"] = None if fields["prior"] is None else _prior(fields["prior"])
-    if "frame" in fields:
-        fields["frame"] = _frame(fields["frame"])
-    for name in ("corners_deg", "corner_std_m"):
-        if name in fields:
-            fields[name] = np.array(fields[name], dtype=np.float64).reshape(4, 2)
-    return fields
+def _packed(likelihood: OffsetLikelihood | None) -> dict[str, Any] | None:
+    if likelihood is None:
+        return None
+    values = np.ascontiguousarray(likelihood.log_likelihood, dtype="<f2")
+    return {
+        "size": len(values),
+        "cell_m": likelihood.cell_m,
+        "centre_m": likelihood.centre_m,
+        "values": base64.b85encode(zlib.compress(values.tobytes(), 1)).decode("ascii"),
+    }
+
+
+def _unpacked(entry: dict[str, Any] | None) -> OffsetLikelihood | None:
+    if entry is None:
+        return None
+    content = zlib.decompress(base64.b85decode(entry["values"]))
+    values = np.frombuffer(content, dtype="<f2").reshape(entry["size"], entry["size"])
+    centre_m = np.array(entry["centre_m"], dtype=np.float64)
+    return OffsetLikelihood(values.astype(np.float16), entry["cell_m"], centre_m)
+
+
+def _failure(values: dict[str, Any]) -> FrameFailure:
+    prior = values["prior"]
+    parts = {
+        "reason": Reason(values["reason"]),
+        "prior": None if prior is None else _prior(prior),
+        "frame": _frame(values["frame"]),
+    }
+    return FrameFailure(**(values | parts))
+
+
+def _fix(values: dict[str, Any]) -> Fix:
+    reason, single = values["reason"], values["single"]
+    covariance = np.array(values["trust"]["covariance_m2"], dtype=np.float64).reshape(2, 2)
+    parts = {
+        "prior": _prior(values["prior"]),
+        "reason": None if reason is None else Reason(reason),
+        "source": Source(values["source"]),
+        "corners_deg": np.array(values["corners_deg"], dtype=np.float64).reshape(4, 2),
+        "corner_std_m": np.array(values["corner_std_m"], dtype=np.float64).reshape(4, 2),
+        "trust": Trust(**(values["trust"] | {"covariance_m2": covariance})),
+        "single": None if single is None else _fix(single),
+    }
+    return Fix(**(values | parts))
 
 
 def _prior(values: dict[str, Any]) -> Prior:

@@ -40,7 +40,8 @@ class RunRecord:
 
     ``arguments`` what shapes the result; ``time_base`` the chosen clock and why; ``frame_times``
     where the capture times came from; ``camera`` the camera used; ``inputs`` path and SHA-256 of
-    log, frames, map, weights and truth; ``notes`` whatever else a reader should know.
+    log, frames, map, weights and truth; ``notes`` whatever else a reader should know;
+    ``calibration`` by what answers were judged, ``flight`` what the whole flight taught.
     """
 
     arguments: Any
@@ -50,6 +51,8 @@ class RunRecord:
     inputs: Mapping[str, Any]
     timing: RunTiming
     notes: Mapping[str, Any] = field(default_factory=dict)
+    calibration: Any = None
+    flight: Mapping[str, Any] | None = None
 
 
 def run_json(record: RunRecord, results: Sequence[FrameResult]) -> str:
@@ -61,6 +64,8 @@ def run_json(record: RunRecord, results: Sequence[FrameResult]) -> str:
         "frame_times": record.frame_times,
         "camera": record.camera,
         "inputs": record.inputs,
+        "calibration": record.calibration,
+        "flight": record.flight,
         "counts": counts(results),
         "notes": record.notes,
         "timing": _timing_section(record.timing),

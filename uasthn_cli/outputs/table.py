@@ -14,6 +14,7 @@ from uasthn_cli.outputs import atomic
 from uasthn_cli.outputs.formatting import (
     DEGREE_DECIMALS,
     METRE_DECIMALS,
+    SHARE_DECIMALS,
     fixed,
     frame_of,
     iso_utc,
@@ -26,29 +27,54 @@ from uasthn_cli.outputs.truth import (
     mean_corner_error_m,
     prior_error_m,
 )
-from uasthn_cli.types import Fix, FrameFailure, FrameResult, Prior
+from uasthn_cli.types import Fix, FrameFailure, FrameResult, Prior, Source, Trust
 
 CORNERS: Final = ("tl", "tr", "bl", "br")
+_PLACE: Final = ("lat", "lon", "center_lat", "center_lon")
+_CORNER_PLACES: Final = tuple(f"{c}_{axis}" for c, axis in product(CORNERS, ("lat", "lon")))
 LEADING_COLUMNS: Final = (
-    *("frame", "time_utc", "lat", "lon", "center_lat", "center_lon"),
+    *("frame", "time_utc", *_PLACE),
     *("accepted", "reason", "u_m", "offset_m"),
-    *(f"{corner}_{axis}" for corner, axis in product(CORNERS, ("lat", "lon"))),
+    *_CORNER_PLACES,
     *("prior_lat", "prior_lon", "agl_m", "yaw_deg", "gsd_m", "source"),
     *(f"u_{corner}_{axis}_m" for corner, axis in product(CORNERS, ("x", "y"))),
+)
+TRUST_COLUMNS: Final = (
+    *("ce90_m", "risk", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
+    *("confidence", "entropy", "sigma_m", "agreement_m", "support"),
+)
+SINGLE_PREFIX: Final = "single_"
+"""Begins the columns of a frame's own answer in a run whose answers are the flight's."""
+
+_SINGLE_PARTS: Final = (
+    *("accepted", "reason", *_PLACE, "u_m", "offset_m", *_CORNER_PLACES),
+    *("ce90_m", "risk", "confidence", "entropy", "sigma_m"),
 )
 PROJECTED_COLUMNS: Final = ("x", "y", "center_x", "center_y")
 
 _YAW_DECIMALS: Final = 3
+_RISK_DECIMALS: Final = 6
 _GSD_DECIMALS: Final = 5  # multiplied by hundreds of pixels before it is a distance
-_CONFIDENCE_DECIMALS: Final = 4
 
 
-def columns(truth: Truth | None, crs: str | None) -> list[str]:
-    """Return the header: leading columns, errors against truth, the rest, positions in a CRS."""
+def columns(truth: Truth | None, crs: str | None, with_single: bool = False) -> list[str]:
+    """Return the header: leading columns, errors against truth, the rest, positions in a CRS.
+
+    ``with_single`` adds each frame's own answer beside the flight's.
+    """
     errors = ["ce_m", "mace_m"] if truth else []
     prior_error = ["prior_ce_m"] if truth and truth.has_camera else []
     projected = PROJECTED_COLUMNS if crs else ()
-    return [*LEADING_COLUMNS, *errors, *prior_error, "confidence", "detail", *projected]
+    single = [*_SINGLE_PARTS, *errors] if with_single else []
+    return [
+        *LEADING_COLUMNS,
+        *errors,
+        *prior_error,
+        *TRUST_COLUMNS,
+        *(SINGLE_PREFIX + name for name in single),
+        "detail",
+        *projected,
+    ]
 
 
 def to_rows(
@@ -61,11 +87,12 @@ def to_rows(
     Raises:
         ValueError: the CRS is not understood.
     """
-    names = columns(truth, crs)
+    names = columns(truth, crs, has_single(results))
     rows = []
     for result, projected in zip(results, _projected_cells(results, crs), strict=True):
         cells = _common_cells(result) | projected | _error_cells(result, truth)
         cells |= _fix_cells(result) if isinstance(result, Fix) else _failure_cells(result)
+        cells |= _single_cells(result, truth)
         rows.append([cells.get(name, "") for name in names])
     return rows
 
@@ -78,7 +105,7 @@ def frames_csv(results: Sequence[FrameResult], truth: Truth | None, crs: str | N
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns(truth, crs))
+    writer.writerow(columns(truth, crs, has_single(results)))
     writer.writerows(to_rows(results, truth, crs))
     return text.getvalue()
 
@@ -93,6 +120,11 @@ def write_frames_csv(
         ValueError: the CRS is not understood.
     """
     atomic.write_text(path, frames_csv(results, truth, crs))
+
+
+def has_single(results: Sequence[FrameResult]) -> bool:
+    """Tell whether the answers are the flight's, with each frame's own beside them."""
+    return any(isinstance(result, Fix) and result.source is not Source.FIX for result in results)
 
 
 def _common_cells(result: FrameResult) -> dict[str, str]:
@@ -125,15 +157,44 @@ def _fix_cells(fix: Fix) -> dict[str, str]:
         "offset_m": fixed(fix.offset_m, METRE_DECIMALS),
         "yaw_deg": fixed(fix.yaw_deg, _YAW_DECIMALS),
         "gsd_m": fixed(fix.gsd_m, _GSD_DECIMALS),
-        "source": fix.source,
-        "confidence": fixed(fix.confidence, _CONFIDENCE_DECIMALS),
+        "source": fix.source.value,
     }
+    cells |= _trust_cells(fix.trust)
     for k, corner in enumerate(CORNERS):
         cells[f"{corner}_lat"] = fixed(fix.corners_deg[k, 0], DEGREE_DECIMALS)
         cells[f"{corner}_lon"] = fixed(fix.corners_deg[k, 1], DEGREE_DECIMALS)
         cells[f"u_{corner}_x_m"] = fixed(fix.corner_std_m[k, 0], METRE_DECIMALS)
         cells[f"u_{corner}_y_m"] = fixed(fix.corner_std_m[k, 1], METRE_DECIMALS)
     return cells
+
+
+def _trust_cells(trust: Trust) -> dict[str, str]:
+    """Return what is known of the error."""
+    covariance = trust.covariance_m2
+    return {
+        "ce90_m": fixed(trust.ce90_m, METRE_DECIMALS),
+        "risk": fixed(trust.risk, _RISK_DECIMALS),
+        "cov_xx_m2": fixed(covariance[0, 0], METRE_DECIMALS),
+        "cov_xy_m2": fixed(covariance[0, 1], METRE_DECIMALS),
+        "cov_yy_m2": fixed(covariance[1, 1], METRE_DECIMALS),
+        "confidence": fixed(trust.confidence, SHARE_DECIMALS),
+        "entropy": fixed(trust.entropy_nats, SHARE_DECIMALS),
+        "sigma_m": fixed(trust.sigma_m, METRE_DECIMALS),
+        "agreement_m": fixed(trust.agreement_m, METRE_DECIMALS),
+        "support": fixed(trust.support, SHARE_DECIMALS),
+    }
+
+
+def _single_cells(result: FrameResult, truth: Truth | None) -> dict[str, str]:
+    """Return a frame's own answer, where the main one is the flight's."""
+    if isinstance(result, FrameFailure):
+        return {"single_accepted": "false", "single_reason": result.reason.value}
+    if result.single is None:
+        own_reason = result.reason.value if result.reason else ""
+        return {"single_accepted": "false", "single_reason": own_reason}
+    single = result.single
+    cells = _fix_cells(single) | _error_cells(single, truth)
+    return {SINGLE_PREFIX + name: value for name, value in cells.items()}
 
 
 def _error_cells(result: FrameResult, truth: Truth | None) -> dict[str, str]:

@@ -83,6 +83,7 @@ class Run:
     ) -> None:
         """Wire the stages together; ``lookers`` see the wide search and what is near."""
         self.priors, self.map_crs, self._timer = priors, map_crs, timer
+        self.camera = job.camera
         self._wide, self._near = lookers
         self._judge = Judge(job.config, job.calibration)
         self._stage = FrameStage(self._wide, self._judge, job.config)

@@ -1,0 +1,65 @@
+"""What a flight taught about its camera and clock, for people and for ``run.json``."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from uasthn_cli.fusion.constants import Constant
+from uasthn_cli.ingest.cameras import CameraSpec
+from uasthn_cli.pipeline import Survey
+
+
+def flight_record(survey: Survey) -> dict[str, Any]:
+    """Return diffusion and constants with their standard errors, ready for ``run.json``."""
+    constants = survey.constants
+    return {
+        "diffusion_m_per_sqrt_s": survey.diffusion_m_per_sqrt_s,
+        "mount_yaw_deg": _entry(constants.yaw_rad, math.degrees(1.0)),
+        "height_log_scale": _entry(constants.log_scale, 1.0),
+        "clock_s": _entry(constants.clock_s, 1.0),
+    }
+
+
+def flight_lines(camera: CameraSpec, survey: Survey) -> list[str]:
+    """Return a line for each constant that is certain, with the option that states it next time.
+
+    They were corrected in this run already.
+    """
+    return list(_lines(camera, survey))
+
+
+def _lines(camera: CameraSpec, survey: Survey) -> Iterator[str]:
+    constants = survey.constants
+    yaw, scale, clock = constants.yaw_rad, constants.log_scale, constants.clock_s
+    if yaw is not None and yaw.is_significant:
+        turn_deg, error_deg = math.degrees(yaw.value), math.degrees(yaw.error)
+        yield (
+            f"Heading is off by {turn_deg:+.2f}° (± {error_deg:.2f}°), corrected;"
+            f" next time: --mount-yaw {camera.mount_yaw_deg + turn_deg:.2f}"
+        )
+    if scale is not None and scale.is_significant:
+        percent = 100 * math.expm1(scale.value)
+        hint = ""
+        if camera.hfov_deg is not None:
+            half = math.tan(math.radians(camera.hfov_deg) / 2) * math.exp(scale.value)
+            hint = f"; if it is the lens, next time: --hfov {2 * math.degrees(math.atan(half)):.2f}"
+        yield (
+            f"Height or field of view is off by {percent:+.1f} % (± {100 * scale.error:.1f} %),"
+            f" corrected{hint}"
+        )
+    if clock is not None and clock.is_significant:
+        yield (
+            f"Frames are stamped {clock.value:+.2f} s (± {clock.error:.2f} s) too early, corrected;"
+            f" next time: add {clock.value:+.2f} to --time-offset"
+        )
+
+
+def _entry(constant: Constant | None, factor: float) -> dict[str, Any] | None:
+    if constant is None:
+        return None
+    return {
+        "value": round(constant.value * factor, 6),
+        "error": round(constant.error * factor, 6),
+        "count": constant.count,
+        "corrected": constant.is_significant,
+    }

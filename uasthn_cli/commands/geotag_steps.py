@@ -1,0 +1,98 @@
+"""The steps of a run, each kept in a journal: frames alone, the flight, frames again."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any, TypeVar
+
+from uasthn_cli.commands.console import progress
+from uasthn_cli.commands.flight_lines import flight_lines, flight_record
+from uasthn_cli.errors import RunInterruptedError
+from uasthn_cli.outputs.journal import LOCATED, NEAR_LOOKS, Journal
+from uasthn_cli.pipeline import Run
+from uasthn_cli.types import FrameResult, Located, NearLook
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Journals:
+    """What frames gave alone, and what the second look at them gave."""
+
+    located: Journal[Located]
+    near: Journal[NearLook]
+
+    def remove(self) -> None:
+        """Delete both: the final results are written."""
+        self.located.remove()
+        self.near.remove()
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Results in frame order, what to say and record of the flight, seconds spent on journals."""
+
+    results: list[FrameResult]
+    write_s: float
+    flight: dict[str, Any] | None = None
+    said: list[str] = field(default_factory=list)
+
+
+@contextmanager
+def geotag_journals(out: Path, fingerprint: str) -> Iterator[Journals]:
+    """Open the journals; where they hold no frame when the run ends badly, they leave no trace."""
+    with (
+        Journal(out, fingerprint, LOCATED) as located,
+        Journal(out, fingerprint, NEAR_LOOKS) as near,
+    ):
+        journals = Journals(located, near)
+        try:
+            yield journals
+        except BaseException:
+            if not located.finished:
+                journals.remove()
+                if not any(out.iterdir()):
+                    out.rmdir()
+            raise
+
+
+def finish_run(run: Run, journals: Journals, *, fuse: bool) -> Outcome:
+    """Compute what the journals do not hold yet.
+
+    Raises:
+        RunInterruptedError: Ctrl-C; what is finished stays.
+    """
+    names = [entry.frame.name for entry in run.priors.results]
+    kept = frozenset(journals.located.finished)
+    write_s = _fill("geo-tagging", len(names), journals.located, lambda: run.locate(kept))
+    located = [journals.located.finished[name] for name in names]
+    survey = run.survey(located) if fuse else None
+    if survey is None:
+        return Outcome([entry.result for entry in located], write_s)
+    seen = frozenset(journals.near.finished)
+    count = len(survey.frames)
+    write_s += _fill("looking again", count, journals.near, lambda: run.look_again(survey, seen))
+    results = run.fuse(located, survey, journals.near.finished)
+    return Outcome(results, write_s, flight_record(survey), flight_lines(run.camera, survey))
+
+
+def _fill(
+    description: str, total: int, journal: Journal[T], entries: Callable[[], Iterable[T]]
+) -> float:
+    """Append what is missing, showing progress; return the seconds spent on writing."""
+    write_s = 0.0
+    try:
+        with progress(description, total, done=len(journal.finished)) as advance:
+            for entry in entries():
+                before_s = perf_counter()
+                journal.append(entry)
+                write_s += perf_counter() - before_s
+                advance(len(journal.finished))
+    except KeyboardInterrupt as interrupt:
+        raise RunInterruptedError(
+            f"interrupted after {len(journal.finished)} of {total} frames ({description}), which"
+            f" are kept in {journal.path.parent}; give the same command again to go on"
+        ) from interrupt
+    return write_s
