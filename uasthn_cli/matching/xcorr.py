@@ -1,5 +1,6 @@
 """The default estimator: learned cross-correlation over all shifts, brightness beside it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from uasthn_cli.matching.search import (
     view_masks,
     within_reach,
 )
-from uasthn_cli.matching.similarity import fit_similarity
+from uasthn_cli.matching.similarity import turned_features
 from uasthn_cli.matching.symmetries import encode_symmetric
 from uasthn_cli.matching.weights import BUNDLED_XCORR, load_xcorr
 from uasthn_cli.types import Estimate, FloatArray, MapFeatures, MapWindow, Ortho, Similarity
@@ -79,10 +80,14 @@ class XcorrEstimator:
         return Estimate(found[None], confidence, scores[0])
 
     @torch.inference_mode()
-    def similarity(
-        self, features: MapFeatures, thermal: Ortho, origin_px: FloatArray
-    ) -> Similarity | None:
-        """Return the turn and scale under which the learned features fit best near the prior.
+    def fit_scores(
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        origin_px: FloatArray,
+        hypotheses: Sequence[Similarity],
+    ) -> FloatArray:
+        """Return the best score of the learned features ``(n,)`` near the prior.
 
         One orientation is enough here: the place is known.
         """
@@ -90,15 +95,13 @@ class XcorrEstimator:
         image, valid = self._tensors(thermal)
         encoded = self._model.encode_thermal(image, valid)[0]
         window = torch.from_numpy(features.values[:channels]).to(self._device, torch.float32)[None]
-        if min(n - m for n, m in zip(window.shape[-2:], encoded.shape[-2:], strict=True)) < 0:
-            return None
-
-        def score(turned: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
-            templates = normalise_template(turned, masks)
-            scores = correlate(window, templates[None], masks[None])[0]
-            return scores.flatten(1).amax(dim=1) * self._temperature
-
-        return fit_similarity(score, encoded, cell_mask(valid, STRIDE_PX)[0])
+        turned, masks = turned_features(encoded, cell_mask(valid, STRIDE_PX)[0], hypotheses)
+        templates = normalise_template(turned, masks)
+        scores = correlate(window, templates[None], masks[None])[0] * self._temperature
+        near = within_reach((scores.shape[-2], scores.shape[-1]), origin_px / STRIDE_PX)
+        reachable = scores.double().cpu().numpy()[:, near]
+        best: FloatArray = reachable.max(axis=1)
+        return best
 
     def _encode_views(
         self, thermal: Ortho, views_px: FloatArray
