@@ -17,7 +17,6 @@ from uasthn_cli.outputs.result_json import (
     encode_located,
     encode_near_look,
 )
-from uasthn_cli.types import Located, NearLook
 
 LOGGER = logging.getLogger(__name__)
 
