@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parents[1] / "uasthn_cli"
 LAYERS = (
     {"errors", "types", "config"},
     {"geometry"},
-    {"ingest", "mapping", "matching", "uncertainty", "outputs", "report"},
+    {"ingest", "mapping", "matching", "fusion", "uncertainty", "outputs", "report"},
     {"pipeline"},
     {"synth", "calibration"},
     {"training"},
@@ -83,6 +83,9 @@ def test_imports_point_downwards(relative_path: str) -> None:
         ("synth/flight.py", "from uasthn_cli.training import scenes"),
         ("outputs/table.py", "import torch.nn"),
         ("ingest/frames.py", "from pymavlink import mavutil"),
+        ("fusion/offsets.py", "from uasthn_cli.matching.search import posterior_mass"),
+        ("uncertainty/decide.py", "from uasthn_cli.fusion.offsets import ce90_of"),
+        ("fusion/offsets.py", "import torch"),
     ],
 )
 def test_the_rules_are_noticed(relative_path: str, source: str) -> None:

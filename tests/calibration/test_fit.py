@@ -20,7 +20,7 @@ def test_estimated_risks_are_true_frequencies_on_other_frames() -> None:
 def test_weights_keep_the_direction_of_their_signal_against_the_data() -> None:
     answers = make_answers(500, 3)
     model = fit_risk_model(answers.signals, ~answers.is_error(25.0))
-    assert {term.signal for term in model.terms} == set(SIGNALS) - {"agreement_m"}
+    assert {term.signal for term in model.terms} == set(SIGNALS) - {"agreement_m", "support"}
     assert all(term.weight * SIGNALS[term.signal].direction >= 0 for term in model.terms)
 
 

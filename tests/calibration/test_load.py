@@ -31,6 +31,7 @@ def test_a_fused_run_beside_one_that_is_not(tmp_path: Path) -> None:
     np.testing.assert_allclose(runs.single.error_m[:20], single.error_m, atol=1e-4)
     assert runs.single.flight.tolist() == [0] * 20 + [1] * 10
     assert np.isnan(runs.single.signals["agreement_m"]).all()
+    assert np.isnan(runs.single.signals["support"]).all()
 
 
 def rows_of(answers: Answers) -> list[dict[str, str]]:

@@ -1,6 +1,8 @@
 """A good run: same bytes for the same inputs, a full record, silence where it is asked for."""
 
+import csv
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,8 @@ from small_flight import Flight
 
 from uasthn_cli import __version__
 from uasthn_cli.commands.main import main
+from uasthn_cli.uncertainty.calibration import Calibration, Judgement
+from uasthn_cli.uncertainty.risk_model import RiskModel, SignalTerm, Transform
 
 
 def record(out: Path) -> dict[str, Any]:
@@ -61,8 +65,89 @@ def test_progress_and_summary_are_on_stderr(flight: Flight, tmp_path: Path) -> N
     result = CliRunner().invoke(main, flight.arguments(tmp_path / "out"))
     assert result.stdout == ""
     lines = result.stderr.splitlines()
-    assert lines[3] == "geo-tagging: 4 of 4"
-    assert "of 4 frames accepted" in lines[4]
+    assert lines[:4] == [f"geo-tagging: {k} of 4" for k in range(1, 5)]
+    assert lines[4:8] == [f"looking again: {k} of 4" for k in range(1, 5)]
+    assert lines[8].startswith("Answers are judged by plain limits")
+    assert "of 4 frames accepted" in lines[9]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "is_said"),
+    [((), True), (("--calibration", "none"), False)],
+    ids=["default", "none"],
+)
+def test_a_missing_calibration_is_told_unless_it_was_asked_for(
+    flight: Flight, tmp_path: Path, arguments: tuple[str, ...], is_said: bool
+) -> None:
+    out = tmp_path / "out"
+    result = CliRunner().invoke(main, flight.arguments(out, *arguments))
+    assert ("judged by plain limits" in result.stderr) == is_said
+    assert record(out)["calibration"] is None
+
+
+def test_each_frame_alone(flight: Flight, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = CliRunner().invoke(main, flight.arguments(out, "--no-fuse"))
+    assert result.exit_code == 0, result.stderr
+    assert "looking again" not in result.stderr
+    assert record(out)["flight"] is None
+    header, first = (out / "frames.csv").read_text().splitlines()[:2]
+    assert "single_" not in header
+    assert ",fix," in first
+
+
+def test_the_flights_answer_beside_each_frames_own(flight: Flight, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = flight.arguments(out, "--truth", str(flight.truth))
+    assert CliRunner().invoke(main, arguments).exit_code == 0
+    with (out / "frames.csv").open(newline="") as handle:
+        rows = list(csv.DictReader(handle))
+    for row in rows:
+        assert row["source"] == "fused"
+        assert float(row["ce_m"]) < 1.0
+        assert float(row["single_ce_m"]) < 1.0
+        assert 0.0 < float(row["ce90_m"]) < 25.0
+    flight_section = record(out)["flight"]
+    assert flight_section["diffusion_m_per_sqrt_s"] > 0
+    assert set(flight_section) == {
+        *("diffusion_m_per_sqrt_s", "mount_yaw_deg", "height_log_scale", "clock_s"),
+    }
+
+
+def test_answers_are_judged_by_a_calibration(flight: Flight, tmp_path: Path) -> None:
+    """One that accepts no risk at all rejects every frame as risky."""
+    term = SignalTerm("confidence", Transform.LOGIT, mean=0.0, deviation=1.0, weight=-1.0)
+    judgement = Judgement(RiskModel((term,), 0.0), 0.0, 1.5, 90, 100, 0, 0, 0)
+    strict = Calibration(25.0, 0.05, 0.9, judgement, None, note="none is good enough")
+    path = tmp_path / "strict.json"
+    path.write_text(json.dumps(strict.to_json()))
+    out = tmp_path / "out"
+    result = CliRunner().invoke(main, flight.arguments(out, "--calibration", str(path)))
+    assert result.exit_code == 0, result.stderr
+    assert "0 of 4 frames accepted" in result.stderr
+    assert record(out)["counts"]["reasons"] == {"risky": 4}
+    assert record(out)["calibration"]["note"] == "none is good enough"
+
+
+def test_a_damaged_calibration_is_refused(flight: Flight, tmp_path: Path) -> None:
+    path, out = tmp_path / "calibration.json", tmp_path / "out"
+    path.write_text("{}")
+    result = CliRunner().invoke(main, flight.arguments(out, "--calibration", str(path)))
+    assert result.exit_code == 25
+    assert str(path) in result.stderr
+    assert not out.exists()
+
+
+def test_the_maps_own_error_is_part_of_every_radius(flight: Flight, tmp_path: Path) -> None:
+    radii_m = []
+    for name, error_m in (("exact", "0"), ("loose", "20")):
+        arguments = flight.arguments(tmp_path / name, "--map-error", error_m)
+        assert CliRunner().invoke(main, arguments).exit_code == 0
+        with (tmp_path / name / "frames.csv").open(newline="") as handle:
+            radii_m.append([float(row["ce90_m"]) for row in csv.DictReader(handle)])
+    map_ce90_m = 20.0 * math.sqrt(2.0 * math.log(10.0))
+    for exact_m, loose_m in zip(*radii_m, strict=True):
+        assert loose_m == pytest.approx(math.hypot(exact_m, map_ce90_m), abs=0.01)
 
 
 def test_quiet_run_says_nothing(flight: Flight, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from click.testing import CliRunner, Result
 from small_flight import MAP_CRS, Flight, make_flight, write_log, write_map
 
 from uasthn_cli.commands.main import main
+from uasthn_cli.pipeline import Run
 
 INTERRUPTIBLE = """
 import signal
@@ -28,6 +29,7 @@ main(prog_name="uasthn")
 """The program, deaf to a parent in the background that ignores Ctrl-C and bequeathed that."""
 
 RESULTS = ["frames.csv", "frames.geojson", "run.json"]
+JOURNALS = [".frames.partial.jsonl", ".near.partial.jsonl"]
 
 
 def geotag(flight: Flight, out: Path, *extra: str) -> Result:
@@ -276,9 +278,10 @@ def test_unknown_epsg_code_is_a_usage_error(flight: Flight, tmp_path: Path) -> N
     assert not out.exists()
 
 
-def test_ctrl_c_half_way_then_the_same_command_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("step", ["geo-tagging: ", "looking again: "])
+def test_ctrl_c_half_way_then_the_same_command_again(tmp_path: Path, step: str) -> None:
     """Interrupted and resumed, the files are those of a run that never stopped."""
-    flight = make_flight(tmp_path / "flight", count=40)
+    flight = make_flight(tmp_path / "flight", count=30)
     straight, resumed = tmp_path / "straight", tmp_path / "resumed"
     assert geotag(flight, straight).exit_code == 0
 
@@ -289,14 +292,14 @@ def test_ctrl_c_half_way_then_the_same_command_again(tmp_path: Path) -> None:
     )
     assert interrupted.stderr is not None
     for line in interrupted.stderr:
-        if line.startswith("geo-tagging: "):
+        if line.startswith(step):
             interrupted.send_signal(signal.SIGINT)
             break
     rest = interrupted.stderr.read()
     assert interrupted.wait() == 130
     assert "interrupted after" in rest
     assert "same command" in rest
-    assert [path.name for path in resumed.iterdir()] == [".frames.partial.jsonl"]
+    assert sorted(path.name for path in resumed.iterdir()) == JOURNALS
 
     again = CliRunner().invoke(main, ["geotag", "-v", *flight.arguments(resumed)[1:]])
     assert again.exit_code == 0, again.stderr
@@ -304,3 +307,21 @@ def test_ctrl_c_half_way_then_the_same_command_again(tmp_path: Path) -> None:
     assert sorted(path.name for path in resumed.iterdir()) == RESULTS
     for name in ("frames.csv", "frames.geojson"):
         assert (resumed / name).read_bytes() == (straight / name).read_bytes()
+
+
+def test_ctrl_c_while_the_flight_is_fused_keeps_every_frame(
+    flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patched:
+        patched.setattr(Run, "survey", interrupted)
+        result = geotag(flight, out)
+    assert result.exit_code == 130
+    assert "interrupted after 4 of 4 frames (0 looked at again)" in result.stderr
+    assert sorted(path.name for path in out.iterdir()) == JOURNALS
+    again = geotag(flight, out)
+    assert again.exit_code == 0, again.stderr
+    assert "geo-tagging" not in again.stderr

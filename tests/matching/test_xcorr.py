@@ -11,6 +11,7 @@ from matching_scene import centred_origin, encoded, full_view, map_window, therm
 from small_flight import ground_texture
 from torch import Tensor, nn
 
+from uasthn_cli.matching.appearance import CHANNELS
 from uasthn_cli.matching.networks import (
     HALO_PX,
     STRIDE_PX,
@@ -56,11 +57,17 @@ def locate(
     return estimator.estimate(features, thermal, views, centred_origin(window, thermal))
 
 
-def test_map_features_have_a_stack_per_symmetry_and_are_zero_off_the_map() -> None:
+def test_map_features_have_a_stack_per_symmetry_and_two_of_appearance() -> None:
+    features = encoded(XcorrEstimator(known_model(), symmetries=3), map_window(GREY))
+    assert features.values.shape == (3 + len(CHANNELS), 96, 144)
+    brightness = (GREY / 255.0).reshape(96, 2, 144, 2).mean(axis=(1, 3))
+    assert np.abs(features.values[3] - brightness).max() < 1e-3
+
+
+def test_map_features_are_zero_off_the_map() -> None:
     valid = np.ones(GREY.shape, np.bool_)
     valid[:, 201:] = False
     features = encoded(XcorrEstimator(known_model(), symmetries=3), map_window(GREY, valid))
-    assert features.values.shape == (3, 96, 144)
     assert features.valid.sum() == 96 * 100
     assert (features.values[:, ~features.valid] == 0).all()
     assert (features.values[:, features.valid] != 0).any(axis=0).all()

@@ -52,6 +52,8 @@ def test_a_frame_is_a_point_and_a_polygon_in_lon_lat_order() -> None:
         "accepted": True,
         "reason": None,
         "u_m": 4.5,
+        "ce90_m": 7.125,
+        "risk": 0.0123,
         "offset_m": 75.25,
         "yaw_deg": 85.944,
         "agl_m": 267.73,

@@ -7,27 +7,35 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from frame_results import listing, make_failure, make_fix, make_rejected
+from frame_results import (
+    listing,
+    located,
+    make_failure,
+    make_fix,
+    make_located,
+    make_near_look,
+    make_rejected,
+)
 
 from uasthn_cli.errors import OutputError
-from uasthn_cli.outputs.journal import JOURNAL_NAME, Journal
+from uasthn_cli.outputs.journal import JOURNAL_NAME, LOCATED, NEAR_LOOKS, Journal
 from uasthn_cli.outputs.table import frames_csv
-from uasthn_cli.types import FrameResult
+from uasthn_cli.types import FrameResult, NearLook
 
 
 def finished_names(folder: Path, fingerprint: str = "f") -> list[str]:
-    with Journal(folder, fingerprint) as journal:
+    with Journal(folder, fingerprint, LOCATED) as journal:
         return list(journal.finished)
 
 
 def test_finished_frames_are_read_back_and_added_to(tmp_path: Path) -> None:
-    with Journal(tmp_path, "f") as journal:
-        journal.append(make_fix("1.png"))
-        journal.append(make_failure("2.png"))
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        journal.append(located(make_fix("1.png")))
+        journal.append(located(make_failure("2.png")))
         assert list(journal.finished) == ["1.png", "2.png"]
-    with Journal(tmp_path, "f") as journal:
+    with Journal(tmp_path, "f", LOCATED) as journal:
         assert list(journal.finished) == ["1.png", "2.png"]
-        journal.append(make_rejected("3.png"))
+        journal.append(located(make_rejected("3.png")))
     assert finished_names(tmp_path) == ["1.png", "2.png", "3.png"]
 
 
@@ -37,31 +45,74 @@ def test_results_read_back_write_the_same_table(tmp_path: Path) -> None:
         make_rejected("2.png"),
         make_failure("3.png"),
     ]
-    with Journal(tmp_path, "f") as journal:
+    with Journal(tmp_path, "f", LOCATED) as journal:
         for result in results:
-            journal.append(result)
-    with Journal(tmp_path, "f") as journal:
-        again = [journal.finished[name] for name in ("1.png", "2.png", "3.png")]
+            journal.append(located(result))
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        again = [journal.finished[name].result for name in ("1.png", "2.png", "3.png")]
     assert frames_csv(again, None, "EPSG:32640") == frames_csv(results, None, "EPSG:32640")
+
+
+def test_both_kinds_are_kept_side_by_side(tmp_path: Path) -> None:
+    with Journal(tmp_path, "f", LOCATED) as alone, Journal(tmp_path, "f", NEAR_LOOKS) as near:
+        alone.append(make_located("1.png"))
+        alone.append(make_located("2.png"))
+        near.append(make_near_look("1.png"))
+    with Journal(tmp_path, "f", LOCATED) as alone, Journal(tmp_path, "f", NEAR_LOOKS) as near:
+        assert list(alone.finished) == ["1.png", "2.png"]
+        assert list(near.finished) == ["1.png"]
+        near.remove()
+    assert listing(tmp_path) == [JOURNAL_NAME]
+
+
+def test_a_second_look_is_read_back_to_the_bit(tmp_path: Path) -> None:
+    looks: dict[str, NearLook] = {
+        "seen.png": make_near_look("seen.png"),
+        "blank.png": make_near_look("blank.png", likelihood=None),
+        "gone.png": make_near_look("gone.png", likelihood=None, camera=None),
+    }
+    with Journal(tmp_path, "f", NEAR_LOOKS) as journal:
+        for look in looks.values():
+            journal.append(look)
+    with Journal(tmp_path, "f", NEAR_LOOKS) as journal:
+        again = dict(journal.finished)
+    assert list(again) == list(looks)
+    for name, look in looks.items():
+        assert (again[name].frame, again[name].camera) == (look.frame, look.camera)
+        mine, theirs = look.likelihood, again[name].likelihood
+        if mine is None or theirs is None:
+            assert mine is theirs
+        else:
+            assert theirs.log_likelihood.tobytes() == mine.log_likelihood.tobytes()
+            assert theirs.centre_m.tolist() == mine.centre_m.tolist()
+            assert theirs.cell_m == mine.cell_m
+
+
+def test_an_entry_of_the_other_kind_is_not_taken_over(tmp_path: Path) -> None:
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        journal.append(make_located("1.png"))
+    (tmp_path / JOURNAL_NAME).rename(tmp_path / NEAR_LOOKS.file_name)
+    with Journal(tmp_path, "f", NEAR_LOOKS) as near:
+        assert not near.finished
 
 
 @pytest.mark.parametrize("torn_bytes", [1, 2, 40])
 def test_a_torn_last_line_is_cut_off_and_written_over(tmp_path: Path, torn_bytes: int) -> None:
-    with Journal(tmp_path, "f") as journal:
-        journal.append(make_fix("1.png"))
-        journal.append(make_fix("2.png"))
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        journal.append(located(make_fix("1.png")))
+        journal.append(located(make_fix("2.png")))
     path = tmp_path / JOURNAL_NAME
     path.write_bytes(path.read_bytes()[:-torn_bytes])
-    with Journal(tmp_path, "f") as journal:
+    with Journal(tmp_path, "f", LOCATED) as journal:
         assert list(journal.finished) == ["1.png"]
-        journal.append(make_fix("3.png"))
+        journal.append(located(make_fix("3.png")))
     assert finished_names(tmp_path) == ["1.png", "3.png"]
     assert path.read_bytes().count(b"\n") == 3
 
 
 def test_blocks_of_zeros_after_a_power_cut_are_cut_off(tmp_path: Path) -> None:
-    with Journal(tmp_path, "f") as journal:
-        journal.append(make_fix("1.png"))
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        journal.append(located(make_fix("1.png")))
     path = tmp_path / JOURNAL_NAME
     path.write_bytes(path.read_bytes() + b"\0" * 100 + b"\n")
     assert finished_names(tmp_path) == ["1.png"]
@@ -75,36 +126,36 @@ def test_anything_but_the_own_first_line_is_discarded_with_a_log_line(
     tmp_path: Path, content: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / JOURNAL_NAME).write_bytes(content)
-    with caplog.at_level(logging.WARNING), Journal(tmp_path, "f") as journal:
+    with caplog.at_level(logging.WARNING), Journal(tmp_path, "f", LOCATED) as journal:
         assert not journal.finished
-        journal.append(make_fix("1.png"))
+        journal.append(located(make_fix("1.png")))
     assert "discarded" in caplog.text
     assert finished_names(tmp_path) == ["1.png"]
 
 
 def test_other_arguments_start_afresh(tmp_path: Path) -> None:
-    with Journal(tmp_path, "f") as journal:
-        journal.append(make_fix("1.png"))
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        journal.append(located(make_fix("1.png")))
     assert finished_names(tmp_path, "g") == []
     assert finished_names(tmp_path, "f") == []
 
 
 def test_a_new_journal_is_silent(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.INFO), Journal(tmp_path, "f"):
+    with caplog.at_level(logging.INFO), Journal(tmp_path, "f", LOCATED):
         assert caplog.text == ""
 
 
 def test_removed_once_the_results_stand(tmp_path: Path) -> None:
-    with Journal(tmp_path, "f") as journal:
-        journal.append(make_fix())
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        journal.append(located(make_fix()))
         journal.remove()
     assert listing(tmp_path) == []
 
 
 def test_an_error_in_the_run_keeps_the_journal(tmp_path: Path) -> None:
     def interrupted_run() -> None:
-        with Journal(tmp_path, "f") as journal:
-            journal.append(make_fix("1.png"))
+        with Journal(tmp_path, "f", LOCATED) as journal:
+            journal.append(located(make_fix("1.png")))
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -115,7 +166,7 @@ def test_an_error_in_the_run_keeps_the_journal(tmp_path: Path) -> None:
 def test_an_unwritable_folder_is_a_clear_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="Not a directory"):
-        Journal(tmp_path / "file", "f")
+        Journal(tmp_path / "file", "f", LOCATED)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
@@ -123,10 +174,10 @@ def test_a_full_disk_is_a_clear_error_and_keeps_what_was_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def run_until_full() -> None:
-        with Path("/dev/full").open("wb") as full, Journal(tmp_path, "f") as journal:
-            journal.append(make_fix("1.png"))
+        with Path("/dev/full").open("wb") as full, Journal(tmp_path, "f", LOCATED) as journal:
+            journal.append(located(make_fix("1.png")))
             monkeypatch.setattr(journal, "_file", full)
-            journal.append(make_fix("2.png"))
+            journal.append(located(make_fix("2.png")))
 
     with pytest.raises(OutputError, match=r"cannot write .*jsonl: No space left on device"):
         run_until_full()
@@ -139,11 +190,11 @@ def test_frames_finished_before_a_kill_survive_it(tmp_path: Path) -> None:
         """
         import os, signal, sys
         from pathlib import Path
-        from frame_results import listing, make_fix
-        from uasthn_cli.outputs.journal import Journal
-        journal = Journal(Path(sys.argv[1]), "f")
+        from frame_results import located, make_fix
+        from uasthn_cli.outputs.journal import LOCATED, Journal
+        journal = Journal(Path(sys.argv[1]), "f", LOCATED)
         for k in range(5):
-            journal.append(make_fix(f"{k}.png", lat_deg=k / 3))
+            journal.append(located(make_fix(f"{k}.png", lat_deg=k / 3)))
         os.kill(os.getpid(), signal.SIGKILL)
         """
     )
@@ -154,6 +205,6 @@ def test_frames_finished_before_a_kill_survive_it(tmp_path: Path) -> None:
         check=False,
     )
     assert killed.returncode == -signal.SIGKILL
-    with Journal(tmp_path, "f") as journal:
-        latitudes = [getattr(result, "lat_deg", None) for result in journal.finished.values()]
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        latitudes = [getattr(entry.result, "lat_deg", None) for entry in journal.finished.values()]
     assert latitudes == [k / 3 for k in range(5)]

@@ -21,6 +21,8 @@ from uasthn_cli.outputs.run_record import (
     run_json,
 )
 from uasthn_cli.types import FrameFile, FrameResult, Reason
+from uasthn_cli.uncertainty.calibration import Calibration, Judgement
+from uasthn_cli.uncertainty.risk_model import RiskModel
 
 RESULTS: list[FrameResult] = [
     make_fix("1.png"),
@@ -45,7 +47,7 @@ def test_sections_and_rates() -> None:
     record = json.loads(run_json(make_record(notes={"map": "one window padded"}), RESULTS))
     assert list(record) == [
         *("version", "arguments", "time_base", "frame_times", "camera", "inputs"),
-        *("counts", "notes", "timing"),
+        *("calibration", "flight", "counts", "notes", "timing"),
     ]
     assert record["version"] == __version__
     assert record["notes"] == {"map": "one window padded"}
@@ -54,6 +56,18 @@ def test_sections_and_rates() -> None:
     assert timing["frames_per_s"] == 1.5
     assert timing["started_utc"] == "2026-01-02T03:04:05.000Z"
     assert timing["peak_memory_mib"] > 1.0
+
+
+def test_what_judged_and_what_the_flight_taught_are_recorded() -> None:
+    judgement = Judgement(RiskModel((), -2.0), 0.1, 1.25, 90, 100, 80, 1, 80)
+    calibration = Calibration(25.0, 0.05, 0.9, judgement, None, note="two flights")
+    flight = {"mount_yaw_deg": {"value": 1.5, "error": math.nan}, "clock_s": None}
+    record = json.loads(run_json(make_record(calibration=calibration, flight=flight), RESULTS))
+    assert record["calibration"]["single"]["max_risk"] == 0.1
+    assert record["calibration"]["fused"] is None
+    assert record["flight"] == {"mount_yaw_deg": {"value": 1.5, "error": None}, "clock_s": None}
+    alone = json.loads(run_json(make_record(), RESULTS))
+    assert (alone["calibration"], alone["flight"]) == (None, None)
 
 
 def test_runs_that_took_longer_differ_in_timing_alone() -> None:

@@ -3,10 +3,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from frame_results import listing, make_failure, make_fix, make_record, make_rejected, truth_table
+from frame_results import (
+    listing,
+    make_failure,
+    make_fix,
+    make_located,
+    make_record,
+    make_rejected,
+    truth_table,
+)
 
 from uasthn_cli.errors import OutputError
-from uasthn_cli.outputs.journal import Journal
+from uasthn_cli.outputs.journal import LOCATED, Journal
 from uasthn_cli.outputs.run_writer import prepare_output, write_run
 from uasthn_cli.outputs.truth import read_truth
 from uasthn_cli.types import FrameResult
@@ -59,18 +67,18 @@ def test_a_single_file_of_that_name_is_not_replaced_unasked(tmp_path: Path, name
 
 
 def test_an_interrupted_run_goes_on_without_overwrite(tmp_path: Path) -> None:
-    with Journal(tmp_path, "f") as journal:
-        journal.append(make_fix())
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        journal.append(make_located())
     prepare_output(tmp_path, overwrite=False)
     (tmp_path / "frames.csv").write_text("written just before the crash")
     prepare_output(tmp_path, overwrite=False)
-    with Journal(tmp_path, "f") as journal:
+    with Journal(tmp_path, "f", LOCATED) as journal:
         assert list(journal.finished) == ["a.png"]
 
 
 def test_a_journal_does_not_open_finished_results(tmp_path: Path) -> None:
     write(tmp_path)
-    Journal(tmp_path, "f").close()
+    Journal(tmp_path, "f", LOCATED).close()
     with pytest.raises(OutputError, match="already holds results"):
         prepare_output(tmp_path, overwrite=False)
 

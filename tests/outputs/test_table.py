@@ -5,9 +5,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from frame_results import make_failure, make_fix, make_prior, make_rejected, truth_table
+from frame_results import (
+    make_failure,
+    make_fix,
+    make_fused,
+    make_prior,
+    make_rejected,
+    make_trust,
+    truth_table,
+)
 
-from uasthn_cli.outputs.table import columns, frames_csv, to_rows, write_frames_csv
+from uasthn_cli.outputs.table import (
+    columns,
+    frames_csv,
+    has_single,
+    to_rows,
+    write_frames_csv,
+)
 from uasthn_cli.outputs.truth import Truth, read_truth
 from uasthn_cli.types import FrameResult, Reason
 
@@ -16,6 +30,14 @@ REQUIRED_START = (
     "tl_lat,tl_lon,tr_lat,tr_lon,bl_lat,bl_lon,br_lat,br_lon,"
     "prior_lat,prior_lon,agl_m,yaw_deg,gsd_m,source,"
     "u_tl_x_m,u_tl_y_m,u_tr_x_m,u_tr_y_m,u_bl_x_m,u_bl_y_m,u_br_x_m,u_br_y_m"
+)
+
+TRUST = "ce90_m,risk,cov_xx_m2,cov_xy_m2,cov_yy_m2,confidence,entropy,sigma_m,agreement_m,support"
+SINGLE = (
+    "single_accepted,single_reason,single_lat,single_lon,single_center_lat,single_center_lon,"
+    "single_u_m,single_offset_m,single_tl_lat,single_tl_lon,single_tr_lat,single_tr_lon,"
+    "single_bl_lat,single_bl_lon,single_br_lat,single_br_lon,"
+    "single_ce90_m,single_risk,single_confidence,single_entropy,single_sigma_m"
 )
 
 
@@ -29,7 +51,8 @@ def truth(tmp_path: Path) -> Truth:
 def cells(
     result: FrameResult, truth: Truth | None = None, crs: str | None = None
 ) -> dict[str, str]:
-    return dict(zip(columns(truth, crs), to_rows([result], truth, crs)[0], strict=True))
+    names = columns(truth, crs, has_single([result]))
+    return dict(zip(names, to_rows([result], truth, crs)[0], strict=True))
 
 
 def filled(row: dict[str, str]) -> dict[str, str]:
@@ -37,26 +60,71 @@ def filled(row: dict[str, str]) -> dict[str, str]:
 
 
 def test_header_without_and_with_truth_and_crs(tmp_path: Path, truth: Truth) -> None:
-    assert ",".join(columns(None, None)) == f"{REQUIRED_START},confidence,detail"
+    assert ",".join(columns(None, None)) == f"{REQUIRED_START},{TRUST},detail"
     assert ",".join(columns(truth, "EPSG:32640")) == (
-        f"{REQUIRED_START},ce_m,mace_m,prior_ce_m,confidence,detail,x,y,center_x,center_y"
+        f"{REQUIRED_START},ce_m,mace_m,prior_ce_m,{TRUST},detail,x,y,center_x,center_y"
     )
     path = tmp_path / "no_camera.csv"
     path.write_text(truth_table({"frame": "a.png"}, with_camera=False))
     assert ",".join(columns(read_truth(path), None)) == (
-        f"{REQUIRED_START},ce_m,mace_m,confidence,detail"
+        f"{REQUIRED_START},ce_m,mace_m,{TRUST},detail"
     )
 
 
-def test_an_accepted_frame_fills_all_but_reason_and_detail() -> None:
+def test_header_of_a_fused_run_has_each_frames_own_answer_too(truth: Truth) -> None:
+    assert ",".join(columns(None, None, with_single=True)) == (
+        f"{REQUIRED_START},{TRUST},{SINGLE},detail"
+    )
+    assert ",".join(columns(truth, "EPSG:32640", with_single=True)) == (
+        f"{REQUIRED_START},ce_m,mace_m,prior_ce_m,{TRUST},{SINGLE},single_ce_m,single_mace_m,"
+        "detail,x,y,center_x,center_y"
+    )
+
+
+def test_an_accepted_frame_fills_all_but_reason_detail_and_what_the_flight_says() -> None:
     row = cells(make_fix())
-    assert set(row) - set(filled(row)) == {"reason", "detail"}
+    assert set(row) - set(filled(row)) == {"reason", "detail", "agreement_m", "support"}
     assert row["time_utc"] == "2025-11-22T08:26:42.000Z"
     assert (row["lat"], row["center_lon"]) == ("24.00100000", "56.00251000")
     assert (row["accepted"], row["source"]) == ("true", "fix")
     assert (row["u_m"], row["offset_m"], row["agl_m"]) == ("4.500", "75.250", "267.730")
     assert (row["yaw_deg"], row["gsd_m"]) == ("85.944", "0.34568")
-    assert row["confidence"] == "0.8765"
+    assert [row[name] for name in TRUST.split(",")] == [
+        *("7.125", "0.012346", "10.000", "-1.500", "12.000"),
+        *("0.8765", "3.2500", "12.500", "", ""),
+    ]
+
+
+def test_without_a_calibration_there_is_no_risk() -> None:
+    row = cells(make_fix(trust=make_trust(risk=math.nan)))
+    assert (row["risk"], row["ce90_m"]) == ("", "7.125")
+
+
+def test_a_fused_frame_shows_its_own_answer_beside_the_flights(truth: Truth) -> None:
+    own = make_rejected("a.png", center_lat_deg=24.00201, trust=make_trust(risk=0.5))
+    row = cells(make_fused(single=own), truth)
+    assert (row["source"], row["accepted"], row["reason"]) == ("fused", "true", "")
+    assert (row["agreement_m"], row["support"], row["risk"]) == ("4.000", "0.8888", "0.001000")
+    assert (row["single_accepted"], row["single_reason"]) == ("false", "uncertain")
+    assert (row["single_center_lat"], row["center_lat"]) == ("24.00201000", "24.00101000")
+    assert row["single_risk"] == "0.500000"
+    assert row["ce_m"] == "0.000"
+    assert float(row["single_ce_m"]) == pytest.approx(110.76, abs=0.05)
+
+
+def test_a_fused_frame_without_an_own_answer_says_why() -> None:
+    row = cells(make_fused(single=None, accepted=False, reason=Reason.TEXTURELESS))
+    assert (row["single_accepted"], row["single_reason"]) == ("false", "textureless")
+    assert row["single_lat"] == row["single_risk"] == ""
+    assert row["lat"] == "24.00100000"
+
+
+def test_failures_of_a_fused_run_have_no_own_answer_either() -> None:
+    results: list[FrameResult] = [make_fused(), make_failure()]
+    names = columns(None, None, has_single(results))
+    _, failure = (dict(zip(names, row, strict=True)) for row in to_rows(results, None, None))
+    assert (failure["accepted"], failure["single_accepted"]) == ("false", "false")
+    assert failure["single_reason"] == failure["reason"] == "unreadable"
 
 
 def test_convention_corner_cells_follow_the_corner_order() -> None:

@@ -153,8 +153,8 @@ def judged(
 ) -> FrameResult:
     estimator = ScriptedEstimator(move, confidence)
     with opened(flight, estimator, **settings) as run:
-        (result, *_) = run.results(skip=flight.names[1:])
-    return result
+        (entry,) = run.locate(skip=flight.names[1:])
+    return entry.result
 
 
 def test_an_estimator_that_repeats_the_prior_gives_the_prior(flight: PosedFlight) -> None:
@@ -205,7 +205,7 @@ def test_little_belief_makes_a_frame_ambiguous(flight: PosedFlight) -> None:
     fix = judged(flight, np.zeros(2), confidence=0.2)
     assert isinstance(fix, Fix)
     assert (fix.accepted, fix.reason) == (False, Reason.AMBIGUOUS)
-    assert fix.confidence == 0.2
+    assert fix.trust.confidence == 0.2
 
 
 def test_a_footprint_that_grows_is_implausible(flight: PosedFlight) -> None:

@@ -30,9 +30,9 @@ from uasthn_cli.config import (
 from uasthn_cli.errors import NoPositionError
 from uasthn_cli.geometry.geodesy import distance_m, is_geographic
 from uasthn_cli.matching.ncc import NccChannel, NccEstimator
-from uasthn_cli.outputs.result_json import encode_result
+from uasthn_cli.outputs.result_json import encode_located
 from uasthn_cli.pipeline import Run
-from uasthn_cli.types import Fix, FrameResult
+from uasthn_cli.types import Fix, FrameResult, Located
 
 CENTER_PX = (np.array(SIZE_PX) - 1.0) / 2.0
 
@@ -67,7 +67,14 @@ def footprint_m(height_m: float) -> float:
 
 
 def encode_all(results: list[FrameResult]) -> list[str]:
-    return [encode_result(result) for result in results]
+    return [encode_located(Located(result, None)) for result in results]
+
+
+def alone(run: Run, name: str) -> FrameResult:
+    """Return what one frame gave alone."""
+    skipped = {entry.frame.name for entry in run.priors.results} - {name}
+    (entry,) = run.locate(skipped)
+    return entry.result
 
 
 def test_every_frame_is_placed_and_accepted(flight: PosedFlight, fixes: list[Fix]) -> None:
@@ -150,7 +157,7 @@ def test_an_error_beyond_the_search_radius_is_not_found(flight: PosedFlight) -> 
 
 def test_frames_named_in_skip_are_left_out(flight: PosedFlight, run: Run, fixes: list[Fix]) -> None:
     skipped = {flight.names[0], flight.names[3]}
-    rest = list(run.results(skip=skipped))
+    rest = [entry.result for entry in run.locate(skipped)]
     kept = [fix for fix in fixes if fix.prior.frame.name not in skipped]
     assert encode_all(rest) == encode_all([*kept])
     assert run.frame_count == len(flight.names)
@@ -163,7 +170,7 @@ def test_two_runs_give_equal_results(flight: PosedFlight, fixes: list[Fix]) -> N
 
 def test_another_seed_draws_other_crops(flight: PosedFlight, fixes: list[Fix]) -> None:
     with opened(flight, crops=CropTtaConfig(seed=1)) as run:
-        (other, *_) = run.results(skip=flight.names[1:])
+        other = alone(run, flight.names[0])
     assert isinstance(other, Fix)
     assert not np.array_equal(other.corner_std_m, fixes[0].corner_std_m)
     assert np.array_equal(other.corners_deg, fixes[0].corners_deg)
@@ -196,7 +203,7 @@ def test_a_coarse_map_is_enlarged_only_so_far(tmp_path: Path) -> None:
 def test_an_estimator_can_be_given(flight: PosedFlight) -> None:
     with opened(flight, NccEstimator(NccChannel.GRADIENT)) as run:
         assert run.describe()["estimator"] == "ncc-gradient"
-        (fix, *_) = run.results(skip=flight.names[1:])
+        fix = alone(run, flight.names[0])
     assert isinstance(fix, Fix)
     assert errors_m(fix, flight.poses[0])["center"] < MAP_GSD_M
 

@@ -34,9 +34,12 @@ def make_answers(
         "sigma_m": sigma_m,
         "u_m": np.exp(1 + 0.5 * hardness + 0.8 * rng.normal(size=count)),
         "agreement_m": np.full(count, np.nan),
+        "support": np.full(count, np.nan),
     }
     if agreement:
         signals["agreement_m"] = np.where(is_wrong, 60.0, 8.0) * np.exp(rng.normal(size=count))
+        agreeing = rng.binomial(9, np.where(is_wrong, 0.3, 0.9))
+        signals["support"] = agreeing / 9
     return Answers(
         flight=np.full(count, flight, dtype=np.intp),
         error_m=np.where(is_wrong, rng.uniform(25.5, 400, count), np.minimum(right_m, 24.0)),

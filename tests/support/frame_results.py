@@ -1,5 +1,6 @@
 """Factories of what the pipeline yields, for tests of outputs, report and commands."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,7 +8,21 @@ from typing import Any
 import numpy as np
 
 from uasthn_cli.outputs.run_record import RunRecord, RunTiming
-from uasthn_cli.types import Attitude, Fix, FrameFailure, FrameFile, Prior, Reason
+from uasthn_cli.types import (
+    Attitude,
+    CameraModel,
+    Fix,
+    FrameFailure,
+    FrameFile,
+    FrameResult,
+    Located,
+    NearLook,
+    OffsetLikelihood,
+    Prior,
+    Reason,
+    Source,
+    Trust,
+)
 
 CORNERS_DEG = np.array([[24.002, 56.001], [24.002, 56.004], [24.0, 56.001], [24.0, 56.004]])
 """A north-up footprint: top-left, top-right, bottom-left, bottom-right as ``(lat, lon)``."""
@@ -32,6 +47,21 @@ def make_prior(name: str = "a.png", **changes: Any) -> Prior:
     return replace(prior, **changes)
 
 
+def make_trust(**changes: Any) -> Trust:
+    """Return what is known of a frame's own answer, judged by a calibration."""
+    trust = Trust(
+        confidence=0.87654,
+        entropy_nats=3.25,
+        sigma_m=12.5,
+        covariance_m2=np.array([[10.0, -1.5], [-1.5, 12.0]]),
+        ce90_m=7.125,
+        risk=0.0123456,
+        agreement_m=math.nan,
+        support=math.nan,
+    )
+    return replace(trust, **changes)
+
+
 def make_fix(name: str = "a.png", **changes: Any) -> Fix:
     """Return an accepted estimate."""
     fix = Fix(
@@ -46,7 +76,7 @@ def make_fix(name: str = "a.png", **changes: Any) -> Fix:
         offset_m=75.25,
         yaw_deg=85.9437,
         gsd_m=0.345678,
-        confidence=0.87654,
+        trust=make_trust(),
         accepted=True,
         reason=None,
     )
@@ -62,6 +92,35 @@ def make_failure(name: str = "c.png", **changes: Any) -> FrameFailure:
     """Return a frame without an estimate, time or prior."""
     failure = FrameFailure(make_frame(name), Reason.UNREADABLE, "truncated PNG")
     return replace(failure, **changes)
+
+
+def make_fused(name: str = "a.png", **changes: Any) -> Fix:
+    """Return the flight's answer for a frame whose own lies beside it and is rejected."""
+    trust = make_trust(risk=0.001, agreement_m=4.0, support=0.8888)
+    fused = make_fix(name, trust=trust, source=Source.FUSED, single=make_rejected(name))
+    return replace(fused, **changes)
+
+
+def make_likelihood(size: int = 5, seed: int = 0) -> OffsetLikelihood:
+    """Return a likelihood of noise."""
+    noise = np.random.default_rng(seed).uniform(-60.0, 0.0, (size, size))
+    return OffsetLikelihood(noise.astype(np.float16), 2.5, np.array([1.5, -0.75]))
+
+
+def make_located(name: str = "a.png", **changes: Any) -> Located:
+    """Return what a frame with an estimate gave alone."""
+    return replace(Located(make_fix(name), make_likelihood()), **changes)
+
+
+def located(result: FrameResult) -> Located:
+    """Return a frame that gave a result and no likelihood."""
+    return Located(result, None)
+
+
+def make_near_look(name: str = "a.png", **changes: Any) -> NearLook:
+    """Return a second look at a frame."""
+    camera = CameraModel(640, 512, 700.0, 700.0, 319.5, 255.5, (0.1, -0.05), 0.25)
+    return replace(NearLook(make_frame(name), camera, make_likelihood(7, 1)), **changes)
 
 
 def make_record(**changes: Any) -> RunRecord:

@@ -4,24 +4,33 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from uasthn_cli.config import DecisionConfig, Rule
+from uasthn_cli.config import (
+    FALLBACK_MAX_STD_M,
+    FALLBACK_MIN_CONFIDENCE,
+    DecisionConfig,
+    Rule,
+)
 from uasthn_cli.geometry.corners import image_corners_px
-from uasthn_cli.types import Decision, FloatArray, Reason
-from uasthn_cli.uncertainty.decide import decide, scalar_uncertainty
+from uasthn_cli.types import FloatArray, Reason
+from uasthn_cli.uncertainty.decide import doubt, impossible_corners, scalar_uncertainty
 
 FULL = image_corners_px(64, 48)
 STD_M = np.array([[4.0, 5.0], [6.0, 7.0], [8.0, 9.0], [10.0, 19.0]])
 WINDOW_M = 512.0
+NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
 
 
 def judge(
     config: DecisionConfig,
-    std_m: FloatArray = STD_M,
+    uncertainty_m: float = 4.0,
     confidence: float = 0.9,
-    corners_px: FloatArray = FULL,
-) -> Decision:
-    return decide(std_m, confidence, FULL, corners_px, WINDOW_M, config)
+    risk: float = math.nan,
+    max_risk: float | None = None,
+) -> Reason | None:
+    return doubt(uncertainty_m, confidence, risk, WINDOW_M, config, max_risk)
 
 
 @pytest.mark.parametrize(
@@ -29,51 +38,91 @@ def judge(
 )
 def test_rules_name_the_deviation_that_decides(rule: Rule, expected: float) -> None:
     assert scalar_uncertainty(STD_M, rule) == pytest.approx(expected)
-    accepting = judge(DecisionConfig(max_std_m=expected + 0.01, rule=rule))
-    rejecting = judge(DecisionConfig(max_std_m=expected - 0.01, rule=rule))
-    assert (accepting.accepted, accepting.reason) == (True, None)
-    assert (rejecting.accepted, rejecting.reason) == (False, Reason.UNCERTAIN)
-    assert accepting.uncertainty_m == rejecting.uncertainty_m == pytest.approx(expected)
 
 
 def test_the_papers_rule_rejects_when_every_deviation_is_larger() -> None:
     config = DecisionConfig(max_std_m=3.9)
     assert config.rule is Rule.ALL
-    assert judge(config).reason is Reason.UNCERTAIN
+    assert judge(config, scalar_uncertainty(STD_M, config.rule)) is Reason.UNCERTAIN
     one_is_small = STD_M.copy()
     one_is_small[2, 1] = 3.8
-    assert judge(config, one_is_small).accepted
+    assert judge(config, scalar_uncertainty(one_is_small, config.rule)) is None
 
 
 def test_what_equals_the_threshold_is_not_above_it() -> None:
-    assert judge(DecisionConfig(max_std_m=4.0)).accepted
+    assert judge(DecisionConfig(max_std_m=4.0)) is None
+    assert judge(DecisionConfig(max_std_m=math.nextafter(4.0, 0.0))) is Reason.UNCERTAIN
 
 
 def test_convention_thresholds_in_pixels_count_at_a_window_of_256() -> None:
-    assert judge(DecisionConfig(max_std_m=0.0, max_std_px=2.01)).accepted
-    assert judge(DecisionConfig(max_std_m=99.0, max_std_px=1.99)).reason is Reason.UNCERTAIN
-
-
-def test_the_uncertainty_stays_in_metres() -> None:
-    assert judge(DecisionConfig(max_std_px=1.0)).uncertainty_m == pytest.approx(4.0)
+    assert judge(DecisionConfig(max_std_px=2.01)) is None
+    assert judge(DecisionConfig(max_std_px=1.99)) is Reason.UNCERTAIN
 
 
 @pytest.mark.parametrize("confidence", [0.49, 0.0, math.nan])
 def test_little_belief_is_ambiguous(confidence: float) -> None:
     config = DecisionConfig(min_confidence=0.5)
-    assert judge(config, confidence=confidence).reason is Reason.AMBIGUOUS
-    assert judge(config, confidence=0.5).accepted
+    assert judge(config, confidence=confidence) is Reason.AMBIGUOUS
+    assert judge(config, confidence=0.5) is None
+
+
+def test_without_calibration_and_limits_the_fallbacks_decide() -> None:
+    config = DecisionConfig()
+    assert judge(config, FALLBACK_MAX_STD_M, FALLBACK_MIN_CONFIDENCE) is None
+    assert judge(config, FALLBACK_MAX_STD_M + 0.01, 1.0) is Reason.UNCERTAIN
+    assert judge(config, 0.0, FALLBACK_MIN_CONFIDENCE - 0.01) is Reason.AMBIGUOUS
+
+
+def test_one_limit_of_the_users_leaves_the_other_fallback() -> None:
+    lenient = DecisionConfig(max_std_m=99.0)
+    assert judge(lenient, 98.0, FALLBACK_MIN_CONFIDENCE - 0.01) is Reason.AMBIGUOUS
+    assert judge(DecisionConfig(max_std_px=49.0), 97.0, 1.0) is None
+    trusting = DecisionConfig(min_confidence=0.0)
+    assert judge(trusting, FALLBACK_MAX_STD_M + 0.01, 0.0) is Reason.UNCERTAIN
+
+
+def test_with_a_calibration_only_the_risk_counts() -> None:
+    config = DecisionConfig()
+    assert judge(config, 1e6, 0.0, risk=0.1, max_risk=0.1) is None
+    assert judge(config, math.nan, math.nan, risk=0.0, max_risk=0.1) is None
+    assert judge(config, 0.0, 1.0, risk=0.1001, max_risk=0.1) is Reason.RISKY
+
+
+@pytest.mark.parametrize("risk", [math.nan, 1.0])
+def test_a_risk_that_nobody_knows_is_too_high(risk: float) -> None:
+    assert judge(DecisionConfig(), risk=risk, max_risk=0.99) is Reason.RISKY
+
+
+def test_limits_of_the_users_hold_beside_a_calibration() -> None:
+    config = DecisionConfig(max_std_m=3.0, min_confidence=0.5)
+    assert judge(config, 3.1, 0.4, risk=1.0, max_risk=0.1) is Reason.UNCERTAIN
+    assert judge(config, 3.0, 0.4, risk=1.0, max_risk=0.1) is Reason.AMBIGUOUS
+    assert judge(config, 3.0, 0.5, risk=1.0, max_risk=0.1) is Reason.RISKY
+    assert judge(config, 3.0, 0.5, risk=0.1, max_risk=0.1) is None
+
+
+@given(confidence=NUMBERS, uncertainty_m=NUMBERS, risk=st.floats(0, 1), larger=st.floats(0, 1))
+def test_a_larger_limit_never_rejects_more(
+    confidence: float, uncertainty_m: float, risk: float, larger: float
+) -> None:
+    for limit in (risk / 2, risk):
+        if judge(DecisionConfig(), uncertainty_m, confidence, risk, limit) is None:
+            wider = min(1.0, limit + larger)
+            assert judge(DecisionConfig(), uncertainty_m, confidence, risk, wider) is None
+
+
+def test_a_spread_that_is_no_number_is_uncertain() -> None:
+    assert judge(DecisionConfig(), math.nan) is Reason.UNCERTAIN
 
 
 @pytest.mark.parametrize("scale", [0.74, 1.26])
 def test_a_footprint_of_another_size_is_implausible(scale: float) -> None:
-    config = DecisionConfig(max_scale_error=0.25)
-    assert judge(config, corners_px=FULL * scale).reason is Reason.IMPLAUSIBLE_SCALE
+    assert impossible_corners(FULL, FULL * scale, 0.25) is Reason.IMPLAUSIBLE_SCALE
 
 
 @pytest.mark.parametrize("scale", [0.76, 1.24])
 def test_a_footprint_of_about_its_size_is_plausible(scale: float) -> None:
-    assert judge(DecisionConfig(max_scale_error=0.25), corners_px=FULL * scale).accepted
+    assert impossible_corners(FULL, FULL * scale, 0.25) is None
 
 
 def not_finite() -> FloatArray:
@@ -93,21 +142,9 @@ def not_finite() -> FloatArray:
     ids=["mirrored", "crossed", "dented", "not finite"],
 )
 def test_what_no_camera_sees_is_degenerate(corners_px: FloatArray) -> None:
-    decision = judge(DecisionConfig(), corners_px=corners_px)
-    assert decision.reason is Reason.DEGENERATE_HOMOGRAPHY
-    assert not decision.accepted
+    assert impossible_corners(FULL, corners_px, 0.25) is Reason.DEGENERATE_HOMOGRAPHY
 
 
-def test_the_gravest_reason_is_named() -> None:
-    """Degenerate before implausible before uncertain before ambiguous."""
-    config = DecisionConfig(max_std_m=1.0, min_confidence=0.95)
+def test_degenerate_is_graver_than_implausible() -> None:
     crossed = 2 * FULL[[0, 1, 3, 2]]
-    assert judge(config, corners_px=crossed).reason is Reason.DEGENERATE_HOMOGRAPHY
-    assert judge(config, corners_px=2 * FULL).reason is Reason.IMPLAUSIBLE_SCALE
-    assert judge(config).reason is Reason.UNCERTAIN
-    assert judge(config, STD_M / 10).reason is Reason.AMBIGUOUS
-
-
-def test_a_spread_that_is_no_number_is_uncertain() -> None:
-    nowhere = np.full((4, 2), np.nan)
-    assert judge(DecisionConfig(), nowhere).reason is Reason.UNCERTAIN
+    assert impossible_corners(FULL, crossed, 0.25) is Reason.DEGENERATE_HOMOGRAPHY

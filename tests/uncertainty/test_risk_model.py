@@ -57,5 +57,6 @@ def test_transforms_keep_the_order(transform: Transform, values: tuple[float, fl
     assert low <= high
 
 
-def test_confidence_alone_speaks_against_risk() -> None:
-    assert [name for name, signal in SIGNALS.items() if signal.direction < 0] == ["confidence"]
+def test_confidence_and_support_alone_speak_against_risk() -> None:
+    against = [name for name, signal in SIGNALS.items() if signal.direction < 0]
+    assert against == ["confidence", "support"]

@@ -139,6 +139,8 @@ def geotag(
         calibration=chosen_calibration(calibration_name, config.estimator, weights_path),
     )
     results = geotag_to_folder(job, Target(out, truth_path, crs, overwrite))
+    if job.calibration is None and calibration_name == "default":
+        say("Answers are judged by plain limits: no calibration came with these weights")
     say_summary(results)
     say(f"Results are in {out}; figures: uasthn report {out}")
 
@@ -158,7 +160,6 @@ def chosen_calibration(
     if name != "default":
         return load_calibration(Path(name))
     if estimator != "xcorr" or weights_path is not None:
-        say("Answers are judged by plain limits: the default calibration is for other weights")
         return None
     return load_bundled_calibration()
 

@@ -1,6 +1,6 @@
 """The steps of a run, each kept in a journal: frames alone, the flight, frames again."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,35 +64,39 @@ def finish_run(run: Run, journals: Journals, *, fuse: bool) -> Outcome:
     Raises:
         RunInterruptedError: Ctrl-C; what is finished stays.
     """
+    try:
+        return _finish(run, journals, fuse)
+    except KeyboardInterrupt as interrupt:
+        alone, again = len(journals.located.finished), len(journals.near.finished)
+        raise RunInterruptedError(
+            f"interrupted after {alone} of {run.frame_count} frames ({again} looked at again),"
+            f" which are kept in {journals.located.path.parent}; give the same command again to"
+            " go on"
+        ) from interrupt
+
+
+def _finish(run: Run, journals: Journals, fuse: bool) -> Outcome:
     names = [entry.frame.name for entry in run.priors.results]
     kept = frozenset(journals.located.finished)
-    write_s = _fill("geo-tagging", len(names), journals.located, lambda: run.locate(kept))
+    write_s = _fill("geo-tagging", len(names), journals.located, run.locate(kept))
     located = [journals.located.finished[name] for name in names]
     survey = run.survey(located) if fuse else None
     if survey is None:
         return Outcome([entry.result for entry in located], write_s)
     seen = frozenset(journals.near.finished)
-    count = len(survey.frames)
-    write_s += _fill("looking again", count, journals.near, lambda: run.look_again(survey, seen))
+    again = run.look_again(survey, seen)
+    write_s += _fill("looking again", len(survey.frames), journals.near, again)
     results = run.fuse(located, survey, journals.near.finished)
     return Outcome(results, write_s, flight_record(survey), flight_lines(run.camera, survey))
 
 
-def _fill(
-    description: str, total: int, journal: Journal[T], entries: Callable[[], Iterable[T]]
-) -> float:
+def _fill(description: str, total: int, journal: Journal[T], entries: Iterable[T]) -> float:
     """Append what is missing, showing progress; return the seconds spent on writing."""
     write_s = 0.0
-    try:
-        with progress(description, total, done=len(journal.finished)) as advance:
-            for entry in entries():
-                before_s = perf_counter()
-                journal.append(entry)
-                write_s += perf_counter() - before_s
-                advance(len(journal.finished))
-    except KeyboardInterrupt as interrupt:
-        raise RunInterruptedError(
-            f"interrupted after {len(journal.finished)} of {total} frames ({description}), which"
-            f" are kept in {journal.path.parent}; give the same command again to go on"
-        ) from interrupt
+    with progress(description, total, done=len(journal.finished)) as advance:
+        for entry in entries:
+            before_s = perf_counter()
+            journal.append(entry)
+            write_s += perf_counter() - before_s
+            advance(len(journal.finished))
     return write_s

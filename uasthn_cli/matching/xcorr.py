@@ -57,10 +57,10 @@ class XcorrEstimator:
             return self._model.encode_satellite(image, mask, mean, deviation)
 
         features = encode_symmetric(encode, rgb, valid, self._symmetries)
-        masked = (features * cell_mask(valid, STRIDE_PX))[0].cpu().numpy()
         seen = appearance_cells(luma(window.image), window.valid, STRIDE_PX)
-        stacked: NDArray[np.float32] = np.concatenate([masked, seen])
-        return stacked
+        stacked = np.concatenate([features[0].cpu().numpy(), seen])
+        masked: NDArray[np.float32] = stacked * cell_mask(valid, STRIDE_PX)[0].cpu().numpy()
+        return masked
 
     @torch.inference_mode()
     def estimate(
