@@ -45,6 +45,11 @@ RESEARCH = (
     ("research/roads/*", 1.3),
     ("research/rsscn7/*", 2.0),
 )
+FRAMES = (*(flight for flight, _, _ in FLIGHTS), PAIR)
+COLUMNS = (
+    *("median CE m", "90 % CE m", "within 25 m"),
+    *("their median CE m", "their east m", "their north m", "log posterior"),
+)
 _FULL = "full recipe"
 
 
@@ -82,12 +87,14 @@ ARMS: dict[str, Arm] = {
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """One arm on one set of frames; ``hit_ce_median_m`` is that of the frames within 25 m."""
+    """One arm on one set of frames; ``hit_*`` are medians of the frames within 25 m."""
 
     ce_median_m: float
     ce_p90_m: float
     within_25m: float
     hit_ce_median_m: float
+    hit_east_median_m: float
+    hit_north_median_m: float
     log_posterior: float
 
 
@@ -99,12 +106,15 @@ def slug(name: str) -> str:
 def summarise(scores: list[FrameScore]) -> Summary:
     """Return the figures of a set of frames."""
     ce_m = np.array([score.ce_m for score in scores])
-    hits_m = ce_m[ce_m <= TOLERANCE_M]
+    hits_m = np.array([(s.ce_m, s.east_m, s.north_m) for s in scores if s.ce_m <= TOLERANCE_M])
+    hit_medians_m = np.median(hits_m, axis=0) if len(hits_m) else np.full(3, math.nan)
     return Summary(
         ce_median_m=float(np.median(ce_m)),
         ce_p90_m=float(np.quantile(ce_m, 0.9)),
         within_25m=float(np.mean(ce_m <= TOLERANCE_M)),
-        hit_ce_median_m=float(np.median(hits_m)) if len(hits_m) else math.nan,
+        hit_ce_median_m=float(hit_medians_m[0]),
+        hit_east_median_m=float(hit_medians_m[1]),
+        hit_north_median_m=float(hit_medians_m[2]),
         log_posterior=float(np.mean([score.log_posterior for score in scores])),
     )
 
@@ -120,38 +130,33 @@ def table(out: Path) -> str:
     finished = {
         name: read_scores(path) for name in ARMS if (path := out / f"{slug(name)}.json").exists()
     }
-    columns = (
-        "arm",
-        "median CE m",
-        "90 % CE m",
-        "within 25 m",
-        "their median CE m",
-        "log posterior",
-    )
     parts = []
-    for frames in (*(flight for flight, _, _ in FLIGHTS), PAIR):
+    for frames in FRAMES:
         own = {name: summarise(scores[frames]) for name, scores in finished.items()}
-        rows = [[name, *_cells(summary)] for name, summary in own.items()]
+        rows = [[name, *cells(summary)] for name, summary in own.items()]
         seeds = [summary for name, summary in own.items() if name.startswith(_FULL)]
         if len(seeds) > 1:
-            rows += [[f"{_FULL}: {label}", *cells] for label, cells in _spread(seeds)]
-        parts += [f"**{frames}**", markdown_table(columns, rows)]
+            rows += [[f"{_FULL}: {label}", *figures] for label, figures in _spread(seeds)]
+        parts += [f"**{frames}**", markdown_table(("arm", *COLUMNS), rows)]
     return "\n\n".join(parts) + "\n"
 
 
 def _spread(seeds: list[Summary]) -> Iterator[tuple[str, list[str]]]:
     """Yield mean and standard deviation over the seeds of the full recipe."""
     values = np.array([list(asdict(summary).values()) for summary in seeds])
-    yield f"mean of {len(seeds)}", _cells(Summary(*map(float, values.mean(axis=0))))
-    yield "deviation", _cells(Summary(*map(float, values.std(axis=0, ddof=1))))
+    yield f"mean of {len(seeds)}", cells(Summary(*map(float, values.mean(axis=0))))
+    yield "deviation", cells(Summary(*map(float, values.std(axis=0, ddof=1))))
 
 
-def _cells(summary: Summary) -> list[str]:
+def cells(summary: Summary) -> list[str]:
+    """Return what stands under :data:`COLUMNS`."""
     return [
         number(summary.ce_median_m, 1),
         number(summary.ce_p90_m, 0),
         number(summary.within_25m, 2),
         number(summary.hit_ce_median_m, 1),
+        number(summary.hit_east_median_m, 1),
+        number(summary.hit_north_median_m, 1),
         number(summary.log_posterior, 2),
     ]
 
@@ -200,7 +205,7 @@ def _run(name: str, shared: Path, out: Path, steps: int) -> None:
 @click.command()
 @click.option(
     "--shared",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    type=click.Path(path_type=Path),
     default=Path(__file__).resolve().parents[2] / "shared",
     show_default=True,
     help="Folder with imagery/, flights/ and pairs/.",

@@ -140,7 +140,7 @@ def table(sources: dict[str, list[ImageArray]]) -> str:
 @click.command()
 @click.option(
     "--shared",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    type=click.Path(path_type=Path),
     default=Path(__file__).resolve().parents[2] / "shared",
     show_default=True,
 )

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ablation import ARMS, Arm, slug, summarise, table
-from held import FLIGHTS, PAIR, FrameScore, ProbedXcorr
+from ablation import ARMS, FRAMES, Arm, slug, summarise, table
+from held import FrameScore, ProbedXcorr
 
 from uasthn_cli.geometry.corners import image_corners_px
 from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
@@ -30,13 +30,14 @@ def test_summary_of_frames() -> None:
     summary = summarise([score(5.0, -1.0), score(20.0, -2.0), score(300.0, -3.0)])
     assert summary.ce_median_m == 20
     assert summary.within_25m == pytest.approx(2 / 3)
-    assert summary.hit_ce_median_m == 12.5
+    assert summary.hit_ce_median_m == summary.hit_east_median_m == 12.5
+    assert summary.hit_north_median_m == 0
     assert summary.log_posterior == -2
 
 
 def test_table_of_finished_arms_says_what_chance_does(tmp_path: Path) -> None:
     for name, ce_m in (("full recipe, seed 0", 6.0), ("full recipe, seed 1", 8.0)):
-        scores = {frames: [asdict(score(ce_m))] for frames in (*(f for f, _, _ in FLIGHTS), PAIR)}
+        scores = {frames: [asdict(score(ce_m))] for frames in FRAMES}
         (tmp_path / f"{slug(name)}.json").write_text(json.dumps({"scores": scores}))
     lines = table(tmp_path).splitlines()
     rows = {line.split("|")[1].strip(): line.split("|")[2].strip() for line in lines if "|" in line}
