@@ -21,7 +21,6 @@ from uasthn_cli.geometry.placement import box_origin
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.mapping.radiometry import find_statistics
 from uasthn_cli.matching.networks import STRIDE_PX, XcorrModel
-from uasthn_cli.matching.search import MIN_OVERLAP, within_reach
 from uasthn_cli.matching.xcorr import XcorrEstimator
 from uasthn_cli.outputs.truth import center_error_m, read_truth
 from uasthn_cli.pipeline import GeotagJob, open_run
@@ -67,7 +66,7 @@ class FrameScore:
 
 
 class ProbedXcorr(XcorrEstimator):
-    """The estimator without its refiner, which keeps the scores of the frame it saw last."""
+    """The learned features alone, with the scores of the frame that was seen last."""
 
     def __init__(self, model: XcorrModel) -> None:
         """See one symmetry, on the CPU."""
@@ -75,16 +74,14 @@ class ProbedXcorr(XcorrEstimator):
         self.scores: FloatArray = np.zeros((0, 0))
         self.centre_px: FloatArray = np.zeros(2)
         self.box = GridBox(0, 0, 0, 0)
-        self._overlaps: FloatArray = np.ones(1)
 
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
         """Return the search's answer, and remember the scores of all allowed shifts."""
         estimate = super().estimate(features, thermal, views_px, origin_px)
-        near = within_reach(self.scores.shape, origin_px / STRIDE_PX)
-        overlap = self._overlaps if self._overlaps.ndim == 1 else self._overlaps[0]
-        self.scores = np.where((overlap >= MIN_OVERLAP) & near, self.scores, -np.inf)
+        if estimate.scores is not None:
+            self.scores = estimate.scores
         self.box, self.centre_px = features.box, _frame_centre_px(thermal, views_px)
         return estimate
 
@@ -99,17 +96,8 @@ class ProbedXcorr(XcorrEstimator):
         mass = float((1 - _FLOOR) * weights[near].sum() / weights.sum() + _FLOOR * even)
         return math.log(max(mass, 1e-12))
 
-    def _scores(self, *arguments: Any) -> FloatArray:
-        scores = super()._scores(*arguments)
-        self.scores = scores[0]
-        return scores
-
-    def _overlap(self, *arguments: Any) -> FloatArray:
-        self._overlaps = super()._overlap(*arguments)
-        return self._overlaps
-
-    def _refine(self, *_: Any) -> list[FloatArray]:
-        return []
+    def _appearance_scores(self, *_: Any) -> FloatArray:
+        return np.zeros((1, 1, 1))
 
 
 def evaluate(model: XcorrModel, shared: Path) -> dict[str, list[FrameScore]]:

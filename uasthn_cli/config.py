@@ -113,6 +113,7 @@ class GeotagConfig:
     gsd_m: float | None = None
     device: str = "auto"
     symmetries: int = DEFAULT_SYMMETRIES
+    ensemble: bool = False
     crops: CropTtaConfig = CropTtaConfig()
     aggregation: Aggregation = Aggregation.ORIGINAL
     fuse: bool = True

@@ -195,6 +195,7 @@ def _open_estimator(job: GeotagJob, symmetries: int | None = None) -> Estimator:
         weights_path=job.weights_path,
         device=job.config.device,
         symmetries=symmetries or job.config.symmetries,
+        ensemble=job.config.ensemble,
     )
 
 
