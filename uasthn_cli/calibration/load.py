@@ -12,6 +12,7 @@ import pandas as pd
 
 from uasthn_cli.calibration.answers import Answers, RunAnswers, joined
 from uasthn_cli.errors import CalibrationError, ResultsError
+from uasthn_cli.fusion.offsets import ce90_of
 from uasthn_cli.report.load import load_run
 from uasthn_cli.types import BoolArray, FloatArray, Reason
 from uasthn_cli.uncertainty.risk_model import SIGNALS
@@ -83,7 +84,8 @@ class _Table:
             flight=np.full(len(self.cells), self._flight, dtype=np.intp),
             error_m=np.where(has_answer, error_m, np.nan),
             acceptable=has_answer & ~impossible,
-            ce90_m=self._numbers(f"{prefix}ce90_m") / self._applied_ce90_scale(kind),
+            ce90_m=self._own_ce90_m(prefix, kind),
+            map_ce90_m=np.full(len(self.cells), self._map_ce90_m()),
             signals={name: self._numbers(prefix + name) for name in SIGNALS},
         )
         judged = np.isfinite(error_m) | ~has_answer
@@ -118,6 +120,18 @@ class _Table:
         )
         since = (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(np.float64)
         return (since >= gps.start_utc_s) & (since <= gps.end_utc_s)
+
+    def _own_ce90_m(self, prefix: str, kind: str) -> FloatArray:
+        """Return the radii without what the run's calibration and map error made of them."""
+        beyond_map2 = self._numbers(f"{prefix}ce90_m") ** 2 - self._map_ce90_m() ** 2
+        return np.sqrt(np.maximum(beyond_map2, 0.0)) / self._applied_ce90_scale(kind)
+
+    def _map_ce90_m(self) -> float:
+        """Return the 90 % radius of the map's own error that the run allowed for."""
+        arguments = self._record.get("arguments")
+        config = arguments.get("config") if isinstance(arguments, dict) else None
+        map_error_m = config.get("map_error_m") if isinstance(config, dict) else None
+        return ce90_of(np.eye(2) * float(map_error_m or 0.0) ** 2)
 
     def _applied_ce90_scale(self, kind: str) -> float:
         """Return what ``ce90_m`` was multiplied by already: the scale of the run's calibration."""

@@ -100,7 +100,7 @@ class Judge:
         agreement: Agreement,
     ) -> Trust:
         scale = 1.0 if judgement is None else judgement.ce90_scale
-        covariance_m2 = (covariance_m2 + np.eye(2) * self._config.map_error_m**2) * scale**2
+        covariance_m2 = covariance_m2 * scale**2 + np.eye(2) * self._config.map_error_m**2
         return Trust(
             confidence=summary.confidence,
             entropy_nats=summary.entropy_nats,
