@@ -5,6 +5,7 @@ right. The frame's features are turned and scaled by a small grid of hypotheses,
 with the map around the frame, and a paraboloid through the best scores gives the peak between them.
 """
 
+import math
 from collections.abc import Callable
 
 import torch
@@ -17,6 +18,9 @@ _ROUNDS = ((2.5, 0.03), (1.0, 0.012), (0.5, 0.006))
 """Steps in degrees and in log scale: from what a log gets wrong to what a frame can tell."""
 
 _SIDE = 3
+_MOST_MOVES = 5
+"""Grids of one step size, each centred on the best of the one before, until it lies inside."""
+
 _LARGEST_DEG, _LARGEST_LOG = 8.0, 0.1
 """More than a log gets wrong: where the best lies here, nothing fits."""
 
@@ -29,20 +33,35 @@ def fit_similarity(score: Score, features: Tensor, mask: Tensor) -> Similarity |
 
     ``mask`` ``(1, h, w)``; None where it lies beyond what a log gets wrong.
     """
-    yaw_deg, log_scale = 0.0, 0.0
-    for step_deg, step_log in _ROUNDS:
-        offsets = torch.arange(_SIDE, device=features.device, dtype=torch.float64) - _SIDE // 2
-        turns, scales = torch.meshgrid(offsets, offsets, indexing="ij")
-        steps = torch.stack([turns.flatten(), scales.flatten()], dim=1)
-        hypotheses = steps * torch.tensor([step_deg, step_log]).to(steps)
-        hypotheses = hypotheses + torch.tensor([yaw_deg, log_scale]).to(steps)
-        turned, masks = _turned(features, mask, torch.deg2rad(hypotheses[:, 0]), hypotheses[:, 1])
-        peak = paraboloid_peak(steps, score(turned, masks).double())
-        yaw_deg, log_scale = yaw_deg + peak[0] * step_deg, log_scale + peak[1] * step_log
-    if abs(yaw_deg) > _LARGEST_DEG or abs(log_scale) > _LARGEST_LOG:
+    best: tuple[float, float] | None = (0.0, 0.0)
+    for steps in _ROUNDS:
+        best = best and _climbed(score, features, mask, best, steps)
+    if best is None:
         return None
-    radians = torch.deg2rad(torch.tensor(yaw_deg, dtype=torch.float64))
-    return Similarity(float(radians), float(torch.tensor(log_scale, dtype=torch.float64).exp()))
+    return Similarity(math.radians(best[0]), math.exp(best[1]))
+
+
+def _climbed(
+    score: Score,
+    features: Tensor,
+    mask: Tensor,
+    start: tuple[float, float],
+    steps: tuple[float, float],
+) -> tuple[float, float] | None:
+    """Return degrees and log scale of the top near ``start``; None where there is none."""
+    (yaw_deg, log_scale), (step_deg, step_log) = start, steps
+    offsets = torch.arange(_SIDE, device=features.device, dtype=torch.float64) - _SIDE // 2
+    grid = torch.cartesian_prod(offsets, offsets)
+    for _ in range(_MOST_MOVES):
+        yaw_rad = torch.deg2rad(yaw_deg + step_deg * grid[:, 0])
+        turned, masks = _turned(features, mask, yaw_rad, log_scale + step_log * grid[:, 1])
+        peak = paraboloid_peak(grid, score(turned, masks).double())
+        yaw_deg, log_scale = yaw_deg + peak[0] * step_deg, log_scale + peak[1] * step_log
+        if abs(yaw_deg) > _LARGEST_DEG or abs(log_scale) > _LARGEST_LOG:
+            return None
+        if max(map(abs, peak)) < 1.0:
+            return yaw_deg, log_scale
+    return None
 
 
 def paraboloid_peak(steps: Tensor, scores: Tensor) -> tuple[float, float]:
