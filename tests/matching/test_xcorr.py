@@ -3,6 +3,9 @@
 The first iteration of an estimate is the search's own answer.
 """
 
+import math
+
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -19,7 +22,7 @@ from uasthn_cli.matching.networks import (
     XcorrModel,
 )
 from uasthn_cli.matching.xcorr import XcorrEstimator
-from uasthn_cli.types import Estimate, FloatArray, MapWindow, Ortho
+from uasthn_cli.types import Aligner, Estimate, FloatArray, MapWindow, Ortho
 
 GREY = ground_texture(5)[:192, :288]
 CORNER_PX, SIZE_PX = (122, 58), (80, 64)
@@ -148,6 +151,38 @@ def test_nothing_is_found_beyond_the_reach_of_the_window() -> None:
     assert np.hypot(*(np.array(corner_px) - origin)) > reach
     found = locate(window, thermal).corners_px[0, 0, 0]
     assert np.hypot(*(found - origin)) <= reach + STRIDE_PX
+
+
+def turned_cut(yaw_deg: float, scale: float) -> Ortho:
+    """Return a cut of the map whose content lies turned clockwise and enlarged on it."""
+    width, height = SIZE_PX
+    cosine, sine = (scale * f(math.radians(yaw_deg)) for f in (math.cos, math.sin))
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    linear = np.array([[cosine, -sine], [sine, cosine]])
+    to_map = np.hstack([linear, (CORNER_PX + middle - linear @ middle)[:, None]])
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    shown = cv2.warpAffine(GREY.astype(np.float32), to_map, SIZE_PX, flags=flags)
+    return thermal_cut(shown, (0, 0), SIZE_PX)
+
+
+@pytest.mark.parametrize(("yaw_deg", "scale"), [(0.0, 1.0), (4.0, 0.97), (-2.5, 1.05)])
+def test_convention_turn_and_scale_of_a_frame_are_seen(yaw_deg: float, scale: float) -> None:
+    """Clockwise on the map is positive; the frame's own place is only about known."""
+    estimator = XcorrEstimator(known_model(), symmetries=8)
+    window = map_window(GREY[CORNER_PX[1] - 14 : CORNER_PX[1] + 82, 100:228])
+    thermal = turned_cut(yaw_deg, scale)
+    found = estimator.similarity(encoded(estimator, window), thermal, np.array([20.0, 16.0]))
+    assert found is not None
+    assert math.degrees(found.yaw_rad) == pytest.approx(yaw_deg, abs=0.3)
+    assert found.scale == pytest.approx(scale, abs=0.006)
+    assert isinstance(estimator, Aligner)
+
+
+def test_a_window_smaller_than_the_frame_tells_no_turn() -> None:
+    estimator = XcorrEstimator(known_model(), symmetries=1)
+    window = map_window(GREY[:48, :128])
+    thermal = thermal_cut(GREY, CORNER_PX, SIZE_PX)
+    assert estimator.similarity(encoded(estimator, window), thermal, np.zeros(2)) is None
 
 
 def test_half_a_window_is_encoded_like_the_whole() -> None:

@@ -110,9 +110,9 @@ class _Chain:
             moved_m = -moved_m
         if moved_m.any():
             state = self._moved(state, moved_m)
-        sigma_cells = max(
-            _LEAST_BLUR_CELLS, self._diffusion_m_per_sqrt_s * elapsed_s**0.5 / self._cell_m
-        )
+        sigma_cells = self._diffusion_m_per_sqrt_s * elapsed_s**0.5 / self._cell_m
+        # a blur wider than this leaves nothing of a grid, and hours between flights cost seconds
+        sigma_cells = min(max(_LEAST_BLUR_CELLS, sigma_cells), 2.0 * max(self._shape))
         blurred = cv2.GaussianBlur(
             state.astype(np.float32), (0, 0), sigma_cells, borderType=cv2.BORDER_REFLECT
         )
