@@ -22,7 +22,8 @@ _LEAST_GAIN_NATS = 0.6
 """Per frame. Rendered flights with a bias of 2° and 2 % gain 0.6 to 1.0; real ones without any gain
 up to 0.57 from patterns that happen to fit, which is no reason to turn a flight."""
 
-_LARGEST = np.array([math.radians(6.0), 0.08])
+_LARGEST = np.array([math.radians(4.5), 0.058])
+"""Nearly the edge of the grid: what lies there may lie beyond."""
 _LEAST_DEVIATION = np.array([math.radians(1.3), 0.017])
 """Per frame: how turn and scale of real frames scatter about the truth, however well they fit."""
 
