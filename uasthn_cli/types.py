@@ -26,6 +26,7 @@ class Reason(StrEnum):
     UNCERTAIN = "uncertain"
     AMBIGUOUS = "ambiguous"
     RISKY = "risky"
+    UNSUPPORTED = "unsupported"
     OFF_MAP = "off-map"
     NO_PRIOR = "no-prior"
     NO_TIME = "no-time"

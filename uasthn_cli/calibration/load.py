@@ -20,8 +20,11 @@ from uasthn_cli.uncertainty.risk_model import SIGNALS
 SINGLE_PREFIX: Final = "single_"
 """Begins the columns of the single-frame answer in a run whose main answer is fused."""
 
-_IMPOSSIBLE: Final = (Reason.DEGENERATE_HOMOGRAPHY, Reason.IMPLAUSIBLE_SCALE)
-"""Reasons that stand whatever the risk: the corners themselves cannot be right."""
+_NEVER_ACCEPTED: Final = (
+    *(Reason.DEGENERATE_HOMOGRAPHY, Reason.IMPLAUSIBLE_SCALE, Reason.UNSUPPORTED),
+    *(Reason.OFF_MAP, Reason.TEXTURELESS),
+)
+"""Reasons that stand whatever the risk."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +82,7 @@ class _Table:
         """
         error_m = self._error_m(prefix)
         has_answer = self._has_answer(prefix)
-        impossible = self._text(f"{prefix}reason").isin(_IMPOSSIBLE).to_numpy()
+        impossible = self._text(f"{prefix}reason").isin(_NEVER_ACCEPTED).to_numpy()
         answers = Answers(
             flight=np.full(len(self.cells), self._flight, dtype=np.intp),
             error_m=np.where(has_answer, error_m, np.nan),
