@@ -59,7 +59,8 @@ class XcorrEstimator:
         rgb = torch.from_numpy(window.image).permute(2, 0, 1)[None].to(self._device)
         valid = torch.from_numpy(window.valid).float()[None, None].to(self._device)
         learned = [m.encode_map(rgb, valid, window.statistics)[0] for m in self._members]
-        seen = appearance_cells(luma(window.image), window.valid, STRIDE_PX)
+        whole = cell_mask(valid, STRIDE_PX)[0].cpu().numpy()
+        seen = appearance_cells(luma(window.image), window.valid, STRIDE_PX) * whole
         stacked: NDArray[np.float32] = np.concatenate([*(f.cpu().numpy() for f in learned), seen])
         return stacked
 
