@@ -152,16 +152,9 @@ def _judge_split(
         errors=errors,
         accepted_fraction=len(accepted) / len(test),
         risk=errors / len(accepted) if len(accepted) else math.nan,
-        ce90_coverage=_coverage(accepted, judgement.ce90_scale),
-        ce90_coverage_all=_coverage(answered, judgement.ce90_scale),
+        ce90_coverage=accepted.ce90_coverage(judgement.ce90_scale),
+        ce90_coverage_all=answered.ce90_coverage(judgement.ce90_scale),
     )
-
-
-def _coverage(answers: Answers, ce90_scale: float) -> float:
-    """Return the share of errors within the scaled CE90, of answers that have one."""
-    has_radius = np.isfinite(answers.ce90_m)
-    within = answers.error_m[has_radius] <= ce90_scale * answers.ce90_m[has_radius]
-    return float(within.mean()) if within.size else math.nan
 
 
 def _cells(entries: list[Split], settings: CalibrationSettings) -> list[str]:

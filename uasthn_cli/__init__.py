@@ -1,3 +1,3 @@
 """Tell where a drone's thermal frames were taken when GPS cannot be trusted."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

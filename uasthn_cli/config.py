@@ -71,6 +71,13 @@ class CropTtaConfig:
     seed: int = 0
 
 
+MIN_SUPPORT = 0.5
+"""A fused answer needs more than this share of near frames that alone agree with it: a majority.
+
+Over maps of other places, fusion settles somewhere too, and can be sure of it; frames alone then
+agree only by chance.
+"""
+
 FALLBACK_MAX_STD_M = 10.0
 """Limit on the views' deviation where neither a calibration nor the user gives any."""
 
@@ -113,6 +120,7 @@ class GeotagConfig:
     gsd_m: float | None = None
     device: str = "auto"
     symmetries: int = DEFAULT_SYMMETRIES
+    ensemble: bool = False
     crops: CropTtaConfig = CropTtaConfig()
     aggregation: Aggregation = Aggregation.ORIGINAL
     fuse: bool = True

@@ -6,6 +6,7 @@ pixel at (0, 0); corners are ordered top-left, top-right, bottom-left, bottom-ri
 its unit in its name.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -25,6 +26,7 @@ class Reason(StrEnum):
     UNCERTAIN = "uncertain"
     AMBIGUOUS = "ambiguous"
     RISKY = "risky"
+    UNSUPPORTED = "unsupported"
     OFF_MAP = "off-map"
     NO_PRIOR = "no-prior"
     NO_TIME = "no-time"
@@ -241,15 +243,19 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class Aligner(Protocol):
-    """An estimator that can also tell how a frame is turned and scaled against the map."""
+    """An estimator that can also tell how well a frame fits when it is turned and scaled."""
 
-    def similarity(
-        self, features: MapFeatures, thermal: Ortho, origin_px: FloatArray
-    ) -> Similarity | None:
-        """Fit turn and scale of a frame that lies about where ``origin_px`` says.
+    def fit_scores(
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        origin_px: FloatArray,
+        hypotheses: Sequence[Similarity],
+    ) -> FloatArray:
+        """Return the best log-likelihood ``(n,)`` of a frame under each of n hypotheses.
 
-        ``features`` are of a window little larger than the frame, ``origin_px`` as in
-        :meth:`Estimator.estimate`; None where nothing fits.
+        ``features`` are of a window little larger than the frame; ``origin_px`` as in
+        :meth:`Estimator.estimate`.
         """
 
 

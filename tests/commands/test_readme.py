@@ -38,9 +38,13 @@ def test_columns() -> None:
         for cell in first_cells("Columns of `frames.csv`")
         for name in re.findall(r"`(.+?)`", cell)
     ]
-    written = columns(truth, "EPSG:4326")
+    written = columns(truth, "EPSG:4326", with_single=True)
     assert [name for name in listed if name in written] == listed
-    between = {"tl_lat": "br_lon", "u_tl_x_m": "u_br_y_m"}
+    between = {
+        "tl_lat": "br_lon",
+        "u_tl_x_m": "u_br_y_m",
+        "single_accepted": "single_mace_m",
+    }
     expected = iter(written)
     for name in listed:
         assert name in expected, f"{name} stands in another place in the table"

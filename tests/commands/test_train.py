@@ -6,8 +6,10 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
+import torch
 from click.testing import CliRunner, Result
 from tiny_training import TINY_ARCHITECTURE, write_photo
 
@@ -15,6 +17,7 @@ from uasthn_cli.commands.main import main
 from uasthn_cli.commands.train import train
 from uasthn_cli.commands.training_options import ImagesType
 from uasthn_cli.errors import OutputError, RunInterruptedError, TrainingDataError
+from uasthn_cli.matching.networks import XcorrArchitecture
 from uasthn_cli.matching.weights import load_xcorr
 from uasthn_cli.training import loop, run
 from uasthn_cli.training.run import Report, TrainingJob, TrainingRun
@@ -31,6 +34,16 @@ class TinyRun(TrainingRun):
 
     def __init__(self, job: TrainingJob) -> None:
         super().__init__(replace(job, config=replace(job.config, architecture=TINY_ARCHITECTURE)))
+
+
+class AsAskedRun(TrainingRun):
+    """A run of the network that the options ask for, its job kept."""
+
+    jobs: ClassVar[list[TrainingJob]] = []
+
+    def __init__(self, job: TrainingJob) -> None:
+        self.jobs.append(job)
+        super().__init__(job)
 
 
 class InterruptedRun(TinyRun):
@@ -115,6 +128,35 @@ def test_another_length_is_said_another_seed_refused(photos: str, tmp_path: Path
     assert "changed on the way: from step 4: steps 5 instead of 4" in longer.stderr
 
 
+def test_parts_off_sizes_and_initial_weights_reach_the_run_and_the_card(
+    photos: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "TrainingRun", AsAskedRun)
+    AsAskedRun.jobs.clear()
+    base = ("--images", photos, *IMAGERY_ONLY, *TINY)
+    first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
+    parts = ("--without", "relief", "--without", "tone-curves")
+    begun = invoke(*base, *parts, "--widths", "4,4,4,8", "--channels", 3, "--out", first)
+    assert begun.exit_code == 0, begun.output
+    assert AsAskedRun.jobs[0].config.samples.engine.missing == ("tone-curves", "relief")
+    assert load_xcorr(first).model.architecture == XcorrArchitecture(3, (4, 4, 4, 8))
+    card = first.with_suffix(".md").read_text("utf-8")
+    assert "--without relief --without tone-curves" in card
+    assert "--widths 4,4,4,8 --channels 3" in card
+    assert "| engine without | tone-curves, relief |" in card
+    refused = invoke(*base, "--widths", "4,4,4,8", "--overwrite", "--channels", 3, "--out", first)
+    assert isinstance(refused.exception, TrainingDataError)
+    assert "another --without relief (off, now on)" in str(refused.exception)
+    onward = invoke(*base, "--init", first, "--learning-rate", 1e-9, "--out", second)
+    assert onward.exit_code == 0, onward.output
+    before, after = (load_xcorr(path).model.state_dict() for path in (first, second))
+    assert before.keys() == after.keys()
+    same = [name for name in before if name.endswith("0.weight") and before[name].ndim == 4]
+    assert same
+    assert all(torch.allclose(before[name], after[name], atol=1e-3) for name in same)
+    assert "| started from | `first.safetensors`, SHA-256 " in second.with_suffix(".md").read_text()
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -146,6 +188,11 @@ def test_weights_that_are_none_are_refused(text: str, tmp_path: Path) -> None:
         (("--sand-share", 0.7, "--landscape-share", 0.7), "add up to more than 1"),
         (("--images", "a", "--sand-share", 1), "leave nothing for --images"),
         (("--sand-share", 1, "--steps", 0), "--steps"),
+        (("--sand-share", 1, "--without", "clouds"), "--without"),
+        (("--sand-share", 1, "--widths", "8,8,8"), "is not four whole numbers"),
+        (("--sand-share", 1, "--widths", "8,8,8,x"), "is not four whole numbers"),
+        (("--sand-share", 1, "--widths", "8,8,0,8"), "has a width below 1"),
+        (("--sand-share", 1, "--init", "a", "--channels", 8), "--init says how large"),
         (("--sand-share", 1, "--learning-rate", 0), "--learning-rate"),
         (("--sand-share", 1, "--precision", "float64"), "--precision"),
     ],

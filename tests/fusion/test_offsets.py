@@ -96,7 +96,9 @@ def test_a_coarser_grid_keeps_a_peak_of_one_score(column: int, row: int, cell_m:
     assert found_m(likelihood) == pytest.approx(expected, abs=cell_m)
     east, north = cell_offsets_m(grid.size, cell_m, AT_PRIOR)
     far = np.hypot(east - expected[0], north - expected[1])
-    assert values[far > 3 * cell_m].max() < -30.0
+    unseen = math.log(1.0 / scores.size)  # beyond the scores: the mean of what was seen
+    assert values[far > 3 * cell_m].max() <= unseen + 0.02
+    assert (values < -30.0).any()
 
 
 @given(column=st.floats(45.0, 65.0), row=st.floats(28.0, 42.0))
@@ -117,15 +119,39 @@ def test_scores_that_say_nothing_or_are_excluded_give_a_flat_likelihood() -> Non
         assert flat.centre_m.tolist() == [3.0, 1.0]
 
 
-def test_excluded_and_unseen_offsets_are_as_good_as_impossible() -> None:
-    scores = peak_at(50.0, 35.0, sharpness=0.001)
+def test_where_nothing_was_seen_a_frame_says_nothing() -> None:
+    scores = peak_at(50.0, 35.0, sharpness=0.5)
     scores[:, :40] = -np.inf
     likelihood = offset_likelihood(scores, placed(2.0, (50.0, 35.0)), OffsetGrid(60, 2.0), AT_PRIOR)
-    values = likelihood.log_likelihood
+    values = likelihood.log_likelihood.astype(np.float64)
+    seen = np.exp(scores[np.isfinite(scores)] - scores.max())
+    level = math.log(seen.mean())
     assert values[60, 60] == 0.0
-    assert values[60, 60 - 12] < -50.0  # excluded
-    assert values[60, 60 + 59 :].max() > -50.0  # scored
-    assert values[60 + 36 :].max() < -50.0  # below the last row of scores
+    assert values[60, 60 - 12] == pytest.approx(level, abs=0.02)  # excluded
+    assert values[60 + 37 :] == pytest.approx(level, abs=0.02)  # below the last row of scores
+    assert values[60, 60 + 8] < level  # seen, and not there
+
+
+def test_half_a_view_is_at_most_half_sure() -> None:
+    scores = peak_at(70.0, 35.0, sharpness=2.0)
+    scores[:, : COLUMNS // 2] = -np.inf
+    grid = OffsetGrid(30, 2.0)
+    middle = ((COLUMNS - 1) / 2, (ROWS - 1) / 2)
+    posterior = posterior_of(offset_likelihood(scores, placed(2.0, middle), grid, AT_PRIOR))
+    answer_m = best_offset_m(posterior, grid.cell_m, AT_PRIOR)
+    summary = summarise_posterior(posterior, grid.cell_m, AT_PRIOR, answer_m)
+    assert 0.3 < summary.confidence < 0.6
+
+
+def test_beyond_the_search_radius_nothing_can_lie() -> None:
+    grid = grid_of_radius(40.0, 2.0)
+    likelihood = offset_likelihood(
+        np.zeros((ROWS, COLUMNS)), placed(2.0, (55.0, 35.0)), grid, AT_PRIOR
+    )
+    east, north = cell_offsets_m(grid.size, grid.cell_m, AT_PRIOR)
+    beyond = np.hypot(east, north) > 40.0
+    assert (likelihood.log_likelihood[beyond] == -60.0).all()
+    assert (likelihood.log_likelihood[~beyond] == 0.0).all()
 
 
 @given(level=st.floats(-1e4, 1e4), spread=st.floats(0.0, 1e4))
@@ -147,7 +173,7 @@ def test_a_grid_holds_the_radius_is_no_finer_than_scores_and_of_bounded_size(
     assert grid.half * grid.cell_m >= radius_m * (1 - 1e-12)
     assert grid.cell_m >= pitch_m
     assert grid.size <= 2 * 101 + 1
-    assert grid_of_radius(100.0, 2.0) == OffsetGrid(50, 2.0)
+    assert grid_of_radius(100.0, 2.0) == OffsetGrid(50, 2.0, 100.0)
 
 
 @given(

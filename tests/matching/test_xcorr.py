@@ -21,7 +21,7 @@ from uasthn_cli.matching.networks import (
     XcorrModel,
 )
 from uasthn_cli.matching.xcorr import XcorrEstimator
-from uasthn_cli.types import Aligner, Estimate, FloatArray, MapWindow, Ortho
+from uasthn_cli.types import Aligner, Estimate, FloatArray, MapWindow, Ortho, Similarity
 
 GREY = ground_texture(5)[:192, :288]
 CORNER_PX, SIZE_PX = (122, 58), (80, 64)
@@ -150,19 +150,29 @@ def test_convention_turn_and_scale_of_a_frame_are_seen(yaw_deg: float, scale: fl
     """Clockwise on the map is positive; the frame's own place is only about known."""
     estimator = XcorrEstimator(known_model(), symmetries=8)
     window = map_window(GREY[CORNER_PX[1] - 14 : CORNER_PX[1] + 82, 100:228])
-    thermal = turned_cut(yaw_deg, scale)
-    found = estimator.similarity(encoded(estimator, window), thermal, np.array([20.0, 16.0]))
-    assert found is not None
-    assert math.degrees(found.yaw_rad) == pytest.approx(yaw_deg, abs=0.3)
-    assert found.scale == pytest.approx(scale, abs=0.006)
+    turns, sizes = (-2.5, 0.0, 4.0), (0.97, 1.0, 1.05)
+    hypotheses = [Similarity(math.radians(turn), size) for turn in turns for size in sizes]
+    features = encoded(estimator, window)
+    scores = estimator.fit_scores(
+        features, turned_cut(yaw_deg, scale), np.array([20.0, 16.0]), hypotheses
+    )
+    best = hypotheses[int(scores.argmax())]
+    assert (math.degrees(best.yaw_rad), best.scale) == pytest.approx((yaw_deg, scale))
     assert isinstance(estimator, Aligner)
 
 
-def test_a_window_smaller_than_the_frame_tells_no_turn() -> None:
-    estimator = XcorrEstimator(known_model(), symmetries=1)
-    window = map_window(GREY[:48, :128])
-    thermal = thermal_cut(GREY, CORNER_PX, SIZE_PX)
-    assert estimator.similarity(encoded(estimator, window), thermal, np.zeros(2)) is None
+def test_members_of_an_ensemble_average_their_scores() -> None:
+    window, thermal = map_window(GREY), thermal_cut(GREY, CORNER_PX, SIZE_PX)
+    alone, twice = (
+        XcorrEstimator(models, symmetries=1) for models in (known_model(), [known_model()] * 2)
+    )
+    assert len(twice.encode_map(window)) == 2 * len(alone.encode_map(window)) - 2
+    origin = centred_origin(window, thermal)
+    found = [
+        estimator.estimate(encoded(estimator, window), thermal, full_view(thermal), origin)
+        for estimator in (alone, twice)
+    ]
+    np.testing.assert_allclose(found[0].corners_px, found[1].corners_px, atol=1e-3)
 
 
 def test_half_a_window_is_encoded_like_the_whole() -> None:

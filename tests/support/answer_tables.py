@@ -45,6 +45,7 @@ def make_answers(
         error_m=np.where(is_wrong, rng.uniform(25.5, 400, count), np.minimum(right_m, 24.0)),
         acceptable=np.ones(count, dtype=np.bool_),
         ce90_m=ce90_m,
+        map_ce90_m=np.zeros(count),
         signals=signals,
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.matching.networks import XcorrArchitecture
+from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.samples import SampleConfig
 from uasthn_cli.training.scenes import SceneSet
 from uasthn_cli.training.trainee import TrainingConfig
@@ -51,7 +52,13 @@ class PatternScene:
         return f"pattern {self.seed}".encode()
 
     def render(
-        self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
+        self,
+        rng: np.random.Generator,
+        row_px: int,
+        column_px: int,
+        length_px: int,
+        size_px: int,
+        engine: EngineConfig,
     ) -> tuple[ImageArray, list[ImageArray]]:
         """Return the pattern as a grey map and as both thermal views."""
         whole = pattern(self.seed, *self.shape_px)

@@ -1,5 +1,6 @@
 """Checkpoints: whole or not at all, without code, and only for the run they belong to."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from uasthn_cli.training.checkpoint import (
     require_same_run,
     save_checkpoint,
 )
+from uasthn_cli.training.engine import EngineConfig
 
 SETTINGS: dict[str, Any] = {
     "steps": 100,
@@ -23,9 +25,10 @@ SETTINGS: dict[str, Any] = {
     "bfloat16": True,
     "workers": 1,
     "checkpoint_every": 50,
-    "samples": {"windows": 8, "canvases": 4},
+    "samples": {"windows": 8, "canvases": 4, "engine": asdict(EngineConfig())},
     "architecture": {"feature_channels": 24, "widths": (32, 64, 96, 128)},
     "data": "abc",
+    "initial": "",
     "changes": [],
 }
 
@@ -102,8 +105,14 @@ def test_what_is_no_checkpoint_is_refused_in_one_line(
         ({"learning_rate": 0.001}, "another --learning-rate (0.002, now 0.001)"),
         ({"samples": {"windows": 4, "canvases": 4}}, "another --windows (8, now 4)"),
         ({"samples": {"windows": 8, "canvases": 2}}, "another --canvases (4, now 2)"),
+        (
+            {"samples": {"engine": asdict(EngineConfig(cluster_temperatures=False))}},
+            "another --without cluster-temperatures (on, now off)",
+        ),
+        ({"initial": "def"}, "another --init;"),
         ({"data": "xyz"}, "another --images or"),
-        ({"architecture": {"feature_channels": 8, "widths": (32, 64, 96, 128)}}, "architecture"),
+        ({"architecture": {"feature_channels": 8, "widths": (32, 64, 96, 128)}}, "--channels"),
+        ({"architecture": {"feature_channels": 24, "widths": (8, 8, 8, 8)}}, "--widths"),
     ],
 )
 def test_other_runs_are_refused(change: dict[str, Any], words: str) -> None:

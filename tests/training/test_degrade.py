@@ -5,6 +5,7 @@ import pytest
 from tiny_training import pattern
 
 from uasthn_cli.training.degrade import degrade_map, degrade_thermal, map_edge
+from uasthn_cli.training.engine import EngineConfig
 
 THERMAL = pattern(1, 96, 112)
 RGB = np.stack([pattern(seed, 60, 80) for seed in (1, 2, 3)], axis=-1)
@@ -15,7 +16,7 @@ VALID[10:80, 20:100] = 1
 @pytest.mark.parametrize("seed", range(20))
 def test_thermal_is_masked_finite_and_still_what_it_was(seed: int) -> None:
     given = THERMAL.copy()
-    degraded = degrade_thermal(np.random.default_rng(seed), given, VALID)
+    degraded = degrade_thermal(np.random.default_rng(seed), given, VALID, EngineConfig())
     assert np.array_equal(given, THERMAL), "the other canvases are cut from the same field"
     assert degraded.dtype == np.float32
     assert (degraded[VALID == 0] == 0).all()
@@ -27,13 +28,15 @@ def test_thermal_is_masked_finite_and_still_what_it_was(seed: int) -> None:
 def test_thermal_without_any_contrast_stays_finite() -> None:
     flat = np.full((96, 112), 0.5, np.float32)
     for seed in range(10):
-        assert np.isfinite(degrade_thermal(np.random.default_rng(seed), flat, VALID)).all()
+        assert np.isfinite(
+            degrade_thermal(np.random.default_rng(seed), flat, VALID, EngineConfig())
+        ).all()
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_map_stays_a_colour_image(seed: int) -> None:
     given = RGB.copy()
-    degraded = degrade_map(np.random.default_rng(seed), given)
+    degraded = degrade_map(np.random.default_rng(seed), given, EngineConfig())
     assert np.array_equal(given, RGB)
     assert degraded.shape == RGB.shape
     assert degraded.dtype == np.float32
@@ -42,8 +45,24 @@ def test_map_stays_a_colour_image(seed: int) -> None:
 
 
 def test_the_same_generator_degrades_alike() -> None:
-    first, second = (degrade_thermal(np.random.default_rng(3), THERMAL, VALID) for _ in range(2))
+    first, second = (
+        degrade_thermal(np.random.default_rng(3), THERMAL, VALID, EngineConfig()) for _ in range(2)
+    )
     assert np.array_equal(first, second)
+
+
+def test_without_a_sensor_the_scene_is_seen_as_it_is() -> None:
+    engine = EngineConfig(sensor=False)
+    for seed in range(5):
+        seen = degrade_thermal(np.random.default_rng(seed), THERMAL, VALID, engine)[VALID > 0]
+        expected = ((THERMAL - THERMAL.mean()) / THERMAL.std())[VALID > 0]
+        assert seen == pytest.approx(expected, abs=1e-4)
+
+
+def test_without_map_appearance_the_map_is_as_it_is() -> None:
+    engine = EngineConfig(map_appearance=False)
+    for seed in range(5):
+        assert np.array_equal(degrade_map(np.random.default_rng(seed), RGB, engine), RGB)
 
 
 def test_map_edges_are_rare_straight_and_on_all_four_sides() -> None:

@@ -15,6 +15,7 @@ from uasthn_cli import __version__
 from uasthn_cli.errors import OutputError
 from uasthn_cli.matching.networks import XcorrModel
 from uasthn_cli.matching.weights import load_xcorr
+from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.export import (
     OutputPaths,
     TrainingStory,
@@ -23,7 +24,9 @@ from uasthn_cli.training.export import (
 )
 from uasthn_cli.training.loop import Validation
 from uasthn_cli.training.refine_loop import RefineProgress
+from uasthn_cli.training.samples import SampleConfig
 from uasthn_cli.training.scenes import ImageSource, RenderedShares
+from uasthn_cli.training.trainee import InitialWeights
 
 STORY = TrainingStory(
     config=tiny_config(steps=123, seed=45),
@@ -86,6 +89,8 @@ def test_the_card_tells_the_story(paths: OutputPaths, model: XcorrModel) -> None
         "| seed | 45 |",
         "| precision | float32 |",
         "| threads | 2 |",
+        "| started from | random weights |",
+        "| engine without | nothing: all parts are on |",
         "Changed on the way: from step 100: steps 123 instead of 110.",
         "uasthn train --images 'maps/*.tif=1.5'",
         "| median error of the search | 1.23 px |",
@@ -95,6 +100,22 @@ def test_the_card_tells_the_story(paths: OutputPaths, model: XcorrModel) -> None
         f"| parameters | {count:,} |",
     ):
         assert line in card.splitlines(), line
+
+
+def test_the_card_says_what_was_other_than_usual(paths: OutputPaths, model: XcorrModel) -> None:
+    paths.prepare(overwrite=False)
+    samples = SampleConfig(engine=EngineConfig(relief=False, map_appearance=False))
+    story = replace(
+        STORY,
+        config=tiny_config(samples=samples),
+        refinement=None,
+        initial=InitialWeights("other.safetensors", "ab" * 32, model),
+    )
+    export(paths, model, story)
+    card = paths.card.read_text("utf-8").splitlines()
+    assert f"| started from | `other.safetensors`, SHA-256 {'ab' * 32} |" in card
+    assert "| engine without | relief, map-appearance |" in card
+    assert "| refiner | as it was |" in card
 
 
 def test_the_card_says_what_is_lacking(paths: OutputPaths, model: XcorrModel) -> None:

@@ -132,7 +132,7 @@ def test_a_longer_run_goes_on_and_says_so(tmp_path: Path) -> None:
     ("changes", "words"),
     [
         ({"seed": 9}, "--seed"),
-        ({"architecture": XcorrArchitecture(4, (4, 4, 4, 8))}, "architecture"),
+        ({"architecture": XcorrArchitecture(4, (4, 4, 4, 8))}, "--widths"),
         ({"samples": replace(TINY_SAMPLES, canvases=2)}, "--canvases"),
         ({"steps": 1}, "already at step 2; give --steps of at least that"),
     ],

@@ -1,18 +1,21 @@
 """Training samples: the same for the same number, and labelled with where canvases truly lie."""
 
 from dataclasses import astuple
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
-from tiny_training import pattern_scenes
+from tiny_training import PatternScene, pattern_scenes
 from torch import Tensor, nn
 
 from uasthn_cli.training import samples
+from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.losses import search_loss, search_scores
 from uasthn_cli.training.samples import CANVAS_PX, WINDOW_PX, Batch, SampleConfig, SampleDataset
+from uasthn_cli.types import ImageArray
 
 GREY_LEVELS = 255
 
@@ -25,8 +28,8 @@ def draw(index: int = 0, seed: int = 0, config: SampleConfig | None = None) -> B
 @pytest.fixture
 def undegraded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let canvases show just what lies under them, masked."""
-    monkeypatch.setattr(samples, "degrade_thermal", lambda _, thermal, valid: thermal * valid)
-    monkeypatch.setattr(samples, "degrade_map", lambda _, rgb: rgb)
+    monkeypatch.setattr(samples, "degrade_thermal", lambda _, thermal, valid, __: thermal * valid)
+    monkeypatch.setattr(samples, "degrade_map", lambda _, rgb, __: rgb)
 
 
 def same(a: Batch, b: Batch) -> bool:
@@ -95,7 +98,7 @@ def mismatch(batch: Batch, shift_px: float = 0.0) -> list[float]:
     ],
 )
 def test_convention_corners_are_where_the_canvas_lies(
-    errors: dict[str, float], monkeypatch: pytest.MonkeyPatch
+    errors: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(samples, "map_edge", lambda _, n: np.ones((n, n), np.float32))
     batch = draw(config=SampleConfig(windows=4, canvases=3, **errors))
@@ -168,3 +171,30 @@ def test_canvases_lie_inside_the_window() -> None:
     assert centres.min() > half
     assert centres.max() < WINDOW_PX - 1 - half
     assert centres.std() > 20, "all over it"
+
+
+def test_without_geometry_error_canvases_are_squares() -> None:
+    engine = EngineConfig(geometry_error=False)
+    corners = draw(config=SampleConfig(windows=3, canvases=3, engine=engine)).corners_px
+    square = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * (CANVAS_PX - 1)
+    assert corners - corners[:, :, :1] == pytest.approx(np.broadcast_to(square, (3, 3, 4, 2)))
+
+
+def test_without_a_scale_range_pieces_are_as_long_as_the_window(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lengths_px: list[int] = []
+
+    def remember(
+        self: PatternScene, _: np.random.Generator, *where_px: int
+    ) -> tuple[ImageArray, list[ImageArray]]:
+        lengths_px.append(where_px[2])
+        image = np.zeros((WINDOW_PX, WINDOW_PX), np.float32)
+        return np.zeros((WINDOW_PX, WINDOW_PX, 3), np.float32), [image, image]
+
+    monkeypatch.setattr(PatternScene, "render", remember)
+    draw(config=SampleConfig(windows=8, canvases=1))
+    assert len(set(lengths_px)) > 4
+    lengths_px.clear()
+    draw(config=SampleConfig(windows=8, canvases=1, engine=EngineConfig(scale_range=False)))
+    assert set(lengths_px) == {WINDOW_PX}

@@ -14,6 +14,7 @@ from tiny_training import pattern, write_photo
 from uasthn_cli.errors import TrainingDataError
 from uasthn_cli.mapping.imagery import OverheadImage
 from uasthn_cli.training import scenes
+from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.landscapes import LANDSCAPES
 from uasthn_cli.training.places import Places
 from uasthn_cli.training.sand import SandScene
@@ -167,7 +168,7 @@ def test_convention_map_and_night_views_show_the_same_square(
 ) -> None:
     seen: list[ImageArray] = []
 
-    def remember(_: np.random.Generator, rgb: ImageArray) -> ImageArray:
+    def remember(_: np.random.Generator, rgb: ImageArray, __: EngineConfig) -> ImageArray:
         seen.append(rgb)
         return rgb[..., 0]
 
@@ -176,7 +177,9 @@ def test_convention_map_and_night_views_show_the_same_square(
     scene = ImageryScene(dates)
     combinations = set()
     for seed in range(30):
-        rgb, fields = scene.render(np.random.default_rng(seed), 10, 50, length_px, 200)
+        rgb, fields = scene.render(
+            np.random.default_rng(seed), 10, 50, length_px, 200, EngineConfig()
+        )
         squares = [
             cv2.resize(date[10 : 10 + length_px, 50 : 50 + length_px], (200, 200)) / 255.0
             for date in dates
@@ -191,14 +194,25 @@ def test_convention_map_and_night_views_show_the_same_square(
     assert max(float(image.max()) for image in seen) <= 1
 
 
+def test_without_date_change_map_and_night_view_are_of_one_date(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(scenes, "thermal_from_colour", lambda _, rgb, __: rgb[..., 0])
+    scene = ImageryScene(two_dates())
+    engine = EngineConfig(date_change=False)
+    for seed in range(20):
+        rgb, fields = scene.render(np.random.default_rng(seed), 10, 50, 100, 100, engine)
+        assert np.array_equal(rgb[..., 0], fields[0])
+
+
 def test_convention_sand_and_its_night_view_show_the_same_square(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     ground = pattern(3, 240, 240)
     sand = SandScene(np.repeat(ground[..., None], 3, axis=-1), ground, ground)
     monkeypatch.setattr(scenes, "_sand", lambda _: sand)
-    monkeypatch.setattr(scenes, "thermal_from_sand", lambda _, piece: piece.material)
-    rgb, fields = RenderedSand(0).render(np.random.default_rng(0), 20, 60, 150, 150)
+    monkeypatch.setattr(scenes, "thermal_from_sand", lambda _, piece, __: piece.material)
+    rgb, fields = RenderedSand(0).render(np.random.default_rng(0), 20, 60, 150, 150, EngineConfig())
     square = ground[20:170, 60:210]
     assert rgb[..., 1] == pytest.approx(square, abs=1e-3)
     assert fields[0] == pytest.approx(square, abs=1e-3)

@@ -1,5 +1,6 @@
 """Answers with known errors, as arrays: what models are fitted to and promises tested on."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,14 +19,16 @@ class Answers:
 
     ``flight`` ``(n,)`` numbers the results folders; ``error_m`` ``(n,)`` is NaN where there is no
     answer. ``acceptable`` ``(n,)`` is false where no risk model is asked: no answer, or corners
-    that are impossible. ``ce90_m`` ``(n,)`` is the predicted 90 % radius before any scale, and
-    ``signals`` holds every known signal ``(n,)``; NaN where a cell is empty.
+    that are impossible. ``ce90_m`` ``(n,)`` is the predicted 90 % radius before any scale and
+    without the map's own error, ``map_ce90_m`` ``(n,)`` that of the map, which adds to it in
+    quadrature. ``signals`` holds every known signal ``(n,)``; NaN where a cell is empty.
     """
 
     flight: IndexArray
     error_m: FloatArray
     acceptable: BoolArray
     ce90_m: FloatArray
+    map_ce90_m: FloatArray
     signals: Mapping[str, FloatArray]
 
     def __len__(self) -> int:
@@ -39,12 +42,25 @@ class Answers:
             error_m=self.error_m[chosen],
             acceptable=self.acceptable[chosen],
             ce90_m=self.ce90_m[chosen],
+            map_ce90_m=self.map_ce90_m[chosen],
             signals={name: values[chosen] for name, values in self.signals.items()},
         )
 
     def is_error(self, tolerance_m: float) -> BoolArray:
         """Tell ``(n,)`` which answers lie beyond a tolerance; no answer is beyond any."""
         return ~(self.error_m <= tolerance_m)
+
+    def needed_scales(self) -> FloatArray:
+        """Return the scales ``(m,)`` that would just hold the errors of answers with a radius."""
+        known = self.ce90_m > 0
+        beyond_map2 = np.maximum(self.error_m[known] ** 2 - self.map_ce90_m[known] ** 2, 0.0)
+        return np.asarray(np.sqrt(beyond_map2) / self.ce90_m[known])
+
+    def ce90_coverage(self, scale: float) -> float:
+        """Return the share of answers with a radius whose scaled radius holds their error."""
+        known = np.isfinite(self.ce90_m)
+        radius_m = np.hypot(scale * self.ce90_m[known], self.map_ce90_m[known])
+        return float(np.mean(self.error_m[known] <= radius_m)) if known.any() else math.nan
 
     def thinned(self, every: int) -> "Answers":
         """Return every n-th frame of each flight, so that neighbours are farther apart."""
@@ -91,5 +107,6 @@ def joined(parts: Sequence[Answers]) -> Answers:
         error_m=np.concatenate([part.error_m for part in parts]),
         acceptable=np.concatenate([part.acceptable for part in parts]),
         ce90_m=np.concatenate([part.ce90_m for part in parts]),
+        map_ce90_m=np.concatenate([part.map_ce90_m for part in parts]),
         signals={name: np.concatenate([part.signals[name] for part in parts]) for name in SIGNALS},
     )

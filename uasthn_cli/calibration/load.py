@@ -12,6 +12,7 @@ import pandas as pd
 
 from uasthn_cli.calibration.answers import Answers, RunAnswers, joined
 from uasthn_cli.errors import CalibrationError, ResultsError
+from uasthn_cli.fusion.offsets import ce90_of
 from uasthn_cli.report.load import load_run
 from uasthn_cli.types import BoolArray, FloatArray, Reason
 from uasthn_cli.uncertainty.risk_model import SIGNALS
@@ -19,8 +20,11 @@ from uasthn_cli.uncertainty.risk_model import SIGNALS
 SINGLE_PREFIX: Final = "single_"
 """Begins the columns of the single-frame answer in a run whose main answer is fused."""
 
-_IMPOSSIBLE: Final = (Reason.DEGENERATE_HOMOGRAPHY, Reason.IMPLAUSIBLE_SCALE)
-"""Reasons that stand whatever the risk: the corners themselves cannot be right."""
+_NEVER_ACCEPTED: Final = (
+    *(Reason.DEGENERATE_HOMOGRAPHY, Reason.IMPLAUSIBLE_SCALE, Reason.UNSUPPORTED),
+    *(Reason.OFF_MAP, Reason.TEXTURELESS),
+)
+"""Reasons that stand whatever the risk."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +82,13 @@ class _Table:
         """
         error_m = self._error_m(prefix)
         has_answer = self._has_answer(prefix)
-        impossible = self._text(f"{prefix}reason").isin(_IMPOSSIBLE).to_numpy()
+        impossible = self._text(f"{prefix}reason").isin(_NEVER_ACCEPTED).to_numpy()
         answers = Answers(
             flight=np.full(len(self.cells), self._flight, dtype=np.intp),
             error_m=np.where(has_answer, error_m, np.nan),
             acceptable=has_answer & ~impossible,
-            ce90_m=self._numbers(f"{prefix}ce90_m") / self._applied_ce90_scale(kind),
+            ce90_m=self._own_ce90_m(prefix, kind),
+            map_ce90_m=np.full(len(self.cells), self._map_ce90_m()),
             signals={name: self._numbers(prefix + name) for name in SIGNALS},
         )
         judged = np.isfinite(error_m) | ~has_answer
@@ -118,6 +123,18 @@ class _Table:
         )
         since = (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(np.float64)
         return (since >= gps.start_utc_s) & (since <= gps.end_utc_s)
+
+    def _own_ce90_m(self, prefix: str, kind: str) -> FloatArray:
+        """Return the radii without what the run's calibration and map error made of them."""
+        beyond_map2 = self._numbers(f"{prefix}ce90_m") ** 2 - self._map_ce90_m() ** 2
+        return np.sqrt(np.maximum(beyond_map2, 0.0)) / self._applied_ce90_scale(kind)
+
+    def _map_ce90_m(self) -> float:
+        """Return the 90 % radius of the map's own error that the run allowed for."""
+        arguments = self._record.get("arguments")
+        config = arguments.get("config") if isinstance(arguments, dict) else None
+        map_error_m = config.get("map_error_m") if isinstance(config, dict) else None
+        return ce90_of(np.eye(2) * float(map_error_m or 0.0) ** 2)
 
     def _applied_ce90_scale(self, kind: str) -> float:
         """Return what ``ce90_m`` was multiplied by already: the scale of the run's calibration."""

@@ -130,8 +130,8 @@ def _judgement(
 ) -> Judgement:
     """Return the judgement by a threshold, with its CE90 scale from the frames it accepts."""
     accepted = certified_on.rows(risks <= max_risk)
-    usable = accepted.ce90_m > 0
-    scale = conformal_scale(accepted.error_m[usable] / accepted.ce90_m[usable])
+    needed = accepted.needed_scales()
+    scale = conformal_scale(needed)
     has_scale = 0 < scale < math.inf
     return Judgement(
         model=model,
@@ -141,5 +141,5 @@ def _judgement(
         frames=len(certified_on),
         accepted=len(accepted),
         errors=int(accepted.is_error(settings.tolerance_m).sum()),
-        ce90_frames=int(usable.sum()) if has_scale else 0,
+        ce90_frames=len(needed) if has_scale else 0,
     )

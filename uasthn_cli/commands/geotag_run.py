@@ -81,7 +81,7 @@ def _inputs(job: GeotagJob, run: Run) -> dict[str, Any]:
     named = {
         "log": job.log_path,
         "map": job.map_path,
-        "weights": _weights_path(job),
+        **_weights_paths(job),
         "frame_times": job.frame_times_csv,
     }
     files = {name: _file(path) for name, path in named.items() if path is not None}
@@ -89,13 +89,15 @@ def _inputs(job: GeotagJob, run: Run) -> dict[str, Any]:
     return {"frames": digest, **files}
 
 
-def _weights_path(job: GeotagJob) -> Path | None:
-    """Return the file that networks are loaded from; None without any, or if vismatch has it."""
+def _weights_paths(job: GeotagJob) -> dict[str, Path | None]:
+    """Return the files that networks are loaded from; None without any, or if vismatch has it."""
     if job.weights_path is not None or job.config.estimator != "xcorr":
-        return job.weights_path
-    from uasthn_cli.matching.weights import BUNDLED_XCORR
+        return {"weights": job.weights_path}
+    from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR
 
-    return BUNDLED_XCORR
+    if not job.config.ensemble:
+        return {"weights": BUNDLED_XCORR}
+    return {f"weights_{k}": path for k, path in enumerate(BUNDLED_ENSEMBLE, start=1)}
 
 
 def _file(path: Path) -> dict[str, Any]:

@@ -39,6 +39,7 @@ def _geotag_config(
     estimator: str,
     device: str,
     symmetries: int,
+    ensemble: bool,
     views: int,
     crop_sampling: str,
     crop_offset_fraction: float,
@@ -58,6 +59,7 @@ def _geotag_config(
         gsd_m=gsd_m,
         device=device,
         symmetries=symmetries,
+        ensemble=ensemble,
         crops=CropTtaConfig(views, Sampling(crop_sampling), crop_offset_fraction, seed),
         aggregation=Aggregation(aggregation),
         fuse=fuse,
@@ -113,6 +115,11 @@ matching_options: Final = gathered(
         metavar="N",
         show_default=True,
         help="Orientations (1 to 8) in which xcorr sees frame and map; fewer are faster.",
+    ),
+    search_option(
+        "--ensemble",
+        is_flag=True,
+        help="Average the three networks in the box instead of using one: slower.",
     ),
     flight_option(
         "--fuse/--no-fuse",

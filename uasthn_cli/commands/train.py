@@ -11,7 +11,12 @@ from uasthn_cli.commands.console import progress, say
 from uasthn_cli.commands.options import output_option
 from uasthn_cli.commands.parameter_types import FiniteRange
 from uasthn_cli.commands.sections import SectionedCommand, section_option
-from uasthn_cli.commands.training_options import ImagesType, training_option, training_options
+from uasthn_cli.commands.training_options import (
+    ImagesType,
+    network_option,
+    training_option,
+    training_options,
+)
 from uasthn_cli.config import TrainingDefaults
 from uasthn_cli.errors import RunInterruptedError
 
@@ -90,6 +95,13 @@ data_option = section_option("Data")
     metavar="N",
     help="Steps between looks at batches that are never trained on.",
 )
+@network_option(
+    "--init",
+    type=click.Path(path_type=Path),
+    metavar="WEIGHTS.safetensors",
+    help="Start from these weights, which also say how large the network is, with a new optimiser;"
+    " not from random ones.",
+)
 @output_option(
     "--out",
     type=click.Path(path_type=Path),
@@ -105,6 +117,7 @@ def train(
     licence_note: str | None,
     refine_steps: int,
     validate_every: int,
+    init: Path | None,
     out: Path,
     overwrite: bool,
     config: "TrainingConfig",
@@ -121,6 +134,9 @@ def train(
     """
     from uasthn_cli.training.run import TrainingJob, TrainingRun
 
+    asked = click.get_current_context().params
+    if init is not None and (asked["widths"] or asked["channels"]):
+        raise click.UsageError("--init says how large the network is: leave --widths, --channels")
     run = TrainingRun(
         TrainingJob(
             out=out,
@@ -132,6 +148,7 @@ def train(
             overwrite=overwrite,
             licence_note=licence_note,
             command_line=shlex.join(_typed(click.get_current_context())),
+            initial_weights=init,
         )
     )
     _say_start(run, config.steps)
@@ -177,6 +194,11 @@ def _typed(context: click.Context) -> Iterator[str]:
                 yield from (option.opts[0], f"{pattern}={weight:.12g}")
         elif isinstance(option, click.Option) and option.is_flag:
             yield option.opts[0]
+        elif isinstance(option, click.Option) and option.multiple:
+            for part in value or ():
+                yield from (option.opts[0], str(part))
+        elif isinstance(value, tuple):
+            yield from (option.opts[0], ",".join(map(str, value)))
         else:
             yield from (option.opts[0], str(value))
 

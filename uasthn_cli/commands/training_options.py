@@ -10,6 +10,7 @@ from uasthn_cli.commands.options import gathered
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO
 from uasthn_cli.commands.sections import section_option
 from uasthn_cli.config import Precision, TrainingDefaults
+from uasthn_cli.training.engine import PARTS
 
 if TYPE_CHECKING:
     from uasthn_cli.training.trainee import TrainingConfig
@@ -18,6 +19,7 @@ _DEFAULTS: Final = TrainingDefaults()
 _AT_LEAST_1: Final = click.IntRange(min=1)
 
 training_option = section_option("Training")
+network_option = section_option("Network")
 machine_option = section_option("Machine")
 
 
@@ -44,11 +46,34 @@ class ImagesType(click.ParamType[tuple[str, float]]):
         return pattern, weight
 
 
+class WidthsType(click.ParamType[tuple[int, int, int, int]]):
+    """Four numbers of channels, separated by commas."""
+
+    name = "A,B,C,D"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int, int, int]:
+        """Return the four numbers."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            w1, w2, w3, w4 = (int(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not four whole numbers, say 16,32,48,64", param, ctx)
+        if min(w1, w2, w3, w4) < 1:
+            self.fail(f"{value!r} has a width below 1", param, ctx)
+        return w1, w2, w3, w4
+
+
 def _training_config(
     steps: int,
     learning_rate: float,
     windows: int,
     canvases: int,
+    without: tuple[str, ...],
+    widths: tuple[int, int, int, int] | None,
+    channels: int | None,
     seed: int,
     device: str,
     precision: str,
@@ -57,6 +82,8 @@ def _training_config(
 ) -> "TrainingConfig":
     """Return how to train, with the device and precision of this machine."""
     from uasthn_cli.matching.device import choose_device
+    from uasthn_cli.matching.networks import XcorrArchitecture
+    from uasthn_cli.training.engine import engine_without
     from uasthn_cli.training.precision import use_bfloat16
     from uasthn_cli.training.samples import SampleConfig
     from uasthn_cli.training.trainee import TrainingConfig
@@ -70,7 +97,10 @@ def _training_config(
         bfloat16=use_bfloat16(Precision(precision), chosen),
         workers=workers,
         checkpoint_every=checkpoint_every,
-        samples=SampleConfig(windows=windows, canvases=canvases),
+        samples=SampleConfig(windows=windows, canvases=canvases, engine=engine_without(without)),
+        architecture=XcorrArchitecture(
+            channels or XcorrArchitecture().feature_channels, widths or XcorrArchitecture().widths
+        ),
     )
 
 
@@ -110,12 +140,32 @@ training_options: Final = gathered(
         help="Thermal views of each piece.",
     ),
     training_option(
+        "--without",
+        type=click.Choice(PARTS),
+        multiple=True,
+        metavar="PART",
+        help="Switch off a part of the data engine, to see what it is worth; can be given several"
+        f" times. Parts: {', '.join(PARTS)}.",
+    ),
+    training_option(
         "--seed",
         type=click.IntRange(min=0),
         default=_DEFAULTS.seed,
         show_default=True,
         metavar="N",
         help="Of the first weights and of every batch.",
+    ),
+    network_option(
+        "--widths",
+        type=WidthsType(),
+        help="Channels of an encoder's four levels, each at half the resolution of the one before."
+        "  [default: as in the weights in the box]",
+    ),
+    network_option(
+        "--channels",
+        type=_AT_LEAST_1,
+        metavar="N",
+        help="Channels of the features.  [default: as in the weights in the box]",
     ),
     machine_option(
         "--device",

@@ -17,10 +17,14 @@ _LEAST_LOG = -60.0
 
 @dataclass(frozen=True, slots=True)
 class OffsetGrid:
-    """Offsets that are told apart: ``2 * half + 1`` each way, ``cell_m`` apart."""
+    """Offsets that are told apart: ``2 * half + 1`` each way, ``cell_m`` apart.
+
+    Beyond ``radius_m`` of the middle no frame can lie; None: anywhere on the grid.
+    """
 
     half: int
     cell_m: float
+    radius_m: float | None = None
 
     @property
     def size(self) -> int:
@@ -53,23 +57,25 @@ class PosteriorSummary:
 def grid_of_radius(radius_m: float, pitch_m: float, largest_half: int = 100) -> OffsetGrid:
     """Return the grid that holds a search radius, as fine as the scores or as memory allows."""
     cell_m = max(pitch_m, radius_m / largest_half)
-    return OffsetGrid(math.ceil(radius_m / cell_m), cell_m)
+    return OffsetGrid(math.ceil(radius_m / cell_m), cell_m, radius_m)
 
 
 def offset_likelihood(
     scores: FloatArray, placement: Placement2d, grid: OffsetGrid, centre_m: FloatArray
 ) -> OffsetLikelihood:
-    """Return scores ``(rows, columns)``, -inf where excluded, on a grid of offsets.
+    """Return scores ``(rows, columns)``, -inf where nothing was seen, on a grid of offsets.
 
     ``centre_m`` ``(2,)`` (east, north) is the offset from the log's position of the prior that the
     scores are relative to. A grid coarser than the scores keeps the best of each cell; a finer one
-    interpolates.
+    interpolates. Where the map shows nothing the frame says nothing: as likely as the mean of what
+    was seen.
     """
     finite = np.isfinite(scores)
     if not finite.any():
         return OffsetLikelihood(np.zeros((grid.size,) * 2, np.float16), grid.cell_m, centre_m)
     best = float(scores[finite].max())
-    field = np.where(finite, np.maximum(scores - best, _LEAST_LOG), _LEAST_LOG).astype(np.float32)
+    unseen = max(math.log(float(np.exp(scores[finite] - best).mean())), _LEAST_LOG)
+    field = np.where(finite, np.maximum(scores - best, _LEAST_LOG), unseen).astype(np.float32)
     ratio = grid.cell_m / placement.pitch_m
     if ratio > 1.0:
         side = 2 * math.ceil(ratio / 2) + 1
@@ -82,8 +88,11 @@ def offset_likelihood(
         (grid.size, grid.size),
         flags=(cv2.INTER_CUBIC if ratio < 1.0 else cv2.INTER_LINEAR) | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_CONSTANT,
-        borderValue=_LEAST_LOG,
+        borderValue=unseen,
     )
+    if grid.radius_m is not None:
+        east, north = cell_offsets_m(grid.size, grid.cell_m, np.zeros(2))
+        sampled = np.where(np.hypot(east, north) <= grid.radius_m, sampled, -np.inf)
     levelled = np.clip(sampled - sampled.max(), _LEAST_LOG, 0.0)
     return OffsetLikelihood(levelled.astype(np.float16), grid.cell_m, centre_m)
 

@@ -18,6 +18,7 @@ def open_estimator(
     weights_path: Path | None = None,
     device: str = "auto",
     symmetries: int = DEFAULT_SYMMETRIES,
+    ensemble: bool = False,
 ) -> Estimator:
     """Return an estimator ready for use; ``device`` is ``auto``, ``cpu`` or ``cuda``.
 
@@ -26,6 +27,8 @@ def open_estimator(
         MissingExtraError: the estimator needs an optional package that is not installed.
         ValueError: no estimator has that name.
     """
+    if ensemble and name != "xcorr":
+        raise WeightsError(f"--estimator {name} has no ensemble; leave out --ensemble")
     if name == "ncc":
         if weights_path is not None:
             raise WeightsError("--estimator ncc uses no weights; leave out --weights")
@@ -34,7 +37,7 @@ def open_estimator(
     estimator: Estimator
     if name == "xcorr":
         xcorr = import_module("uasthn_cli.matching.xcorr")
-        estimator = xcorr.open_xcorr(weights_path, device, symmetries)
+        estimator = xcorr.open_xcorr(weights_path, device, symmetries, ensemble)
         return estimator
     if name.startswith("vismatch:"):
         vismatch = import_module("uasthn_cli.matching.vismatch")

@@ -12,6 +12,11 @@ from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
 
 BUNDLED_XCORR = Path(__file__).parent.parent / "weights" / "xcorr.safetensors"
+BUNDLED_ENSEMBLE = (
+    BUNDLED_XCORR,
+    BUNDLED_XCORR.with_name("xcorr-2.safetensors"),
+    BUNDLED_XCORR.with_name("xcorr-3.safetensors"),
+)
 _FORMAT = "uasthn-xcorr-1"
 
 

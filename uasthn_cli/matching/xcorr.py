@@ -1,5 +1,6 @@
 """The default estimator: learned cross-correlation over all shifts, brightness beside it."""
 
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,11 @@ import torch
 from numpy.typing import NDArray
 
 from uasthn_cli.config import DEFAULT_SYMMETRIES
+from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.appearance import CHANNELS, appearance_cells, appearance_scores
-from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template
+from uasthn_cli.matching.correlate import cell_mask
 from uasthn_cli.matching.device import choose_device
+from uasthn_cli.matching.member import Member
 from uasthn_cli.matching.ncc import luma
 from uasthn_cli.matching.networks import HALO_PX, STRIDE_PX, XcorrModel
 from uasthn_cli.matching.search import (
@@ -20,9 +23,7 @@ from uasthn_cli.matching.search import (
     view_masks,
     within_reach,
 )
-from uasthn_cli.matching.similarity import fit_similarity
-from uasthn_cli.matching.symmetries import encode_symmetric
-from uasthn_cli.matching.weights import BUNDLED_XCORR, load_xcorr
+from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR, load_xcorr
 from uasthn_cli.types import Estimate, FloatArray, MapFeatures, MapWindow, Ortho, Similarity
 
 
@@ -34,40 +35,46 @@ class XcorrEstimator:
     halo_px = HALO_PX
 
     def __init__(
-        self, model: XcorrModel, *, device: str = "cpu", symmetries: int = DEFAULT_SYMMETRIES
+        self,
+        models: XcorrModel | Sequence[XcorrModel],
+        *,
+        device: str = "cpu",
+        symmetries: int = DEFAULT_SYMMETRIES,
     ) -> None:
-        """Use a trained model on a device, seen under 1 to 8 symmetries."""
-        self._device, self._symmetries = torch.device(device), symmetries
-        self._model = model.eval().to(self._device)
-        self._temperature = float(model.log_temperature.detach().exp())
+        """Use one trained model, or several whose scores are averaged, on a device.
+
+        ``symmetries`` (1 to 8) are shared out among the members, at least one to each.
+        """
+        self._device = torch.device(device)
+        chosen = [models] if isinstance(models, XcorrModel) else list(models)
+        share = max(1, symmetries // len(chosen))
+        self._members = [Member(model, self._device, share) for model in chosen]
 
     @torch.inference_mode()
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
-        """Return map features ``(symmetries * C + 2, h / 2, w / 2)``, zero where not valid.
+        """Return map features ``(C + 2, h / 2, w / 2)`` of all members, zero where not valid.
 
         The last two are brightness and gradient.
         """
         rgb = torch.from_numpy(window.image).permute(2, 0, 1)[None].to(self._device)
         valid = torch.from_numpy(window.valid).float()[None, None].to(self._device)
-        mean = torch.tensor([window.statistics.mean], device=self._device)
-        deviation = torch.tensor([window.statistics.deviation], device=self._device)
-
-        def encode(image: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-            return self._model.encode_satellite(image, mask, mean, deviation)
-
-        features = encode_symmetric(encode, rgb, valid, self._symmetries)
-        seen = appearance_cells(luma(window.image), window.valid, STRIDE_PX)
-        stacked = np.concatenate([features[0].cpu().numpy(), seen])
-        masked: NDArray[np.float32] = stacked * cell_mask(valid, STRIDE_PX)[0].cpu().numpy()
-        return masked
+        learned = [m.encode_map(rgb, valid, window.statistics)[0] for m in self._members]
+        whole = cell_mask(valid, STRIDE_PX)[0].cpu().numpy()
+        seen = appearance_cells(luma(window.image), window.valid, STRIDE_PX) * whole
+        stacked: NDArray[np.float32] = np.concatenate([*(f.cpu().numpy() for f in learned), seen])
+        return stacked
 
     @torch.inference_mode()
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
         """Return each view at its best shift inside the window; one iteration."""
-        encoded, masks = self._encode_views(thermal, views_px)
-        scores = self._learned_scores(features, encoded, masks)
+        image, valid = self._tensors(thermal)
+        cells = cell_mask(valid, STRIDE_PX)[0, 0].bool().cpu().numpy()
+        masks = torch.from_numpy(view_masks(views_px, cells, STRIDE_PX))[:, None].to(self._device)
+        scores = self._average(
+            member.scores(window, image, valid, masks) for member, window in self._windows(features)
+        )
         scores = scores + self._appearance_scores(features, thermal, masks)
         overlap = self._overlap(features, masks)
         prior_shift = origin_px / STRIDE_PX
@@ -79,51 +86,39 @@ class XcorrEstimator:
         return Estimate(found[None], confidence, scores[0])
 
     @torch.inference_mode()
-    def similarity(
-        self, features: MapFeatures, thermal: Ortho, origin_px: FloatArray
-    ) -> Similarity | None:
-        """Return the turn and scale under which the learned features fit best near the prior.
-
-        One orientation is enough here: the place is known.
-        """
-        channels = self._model.architecture.feature_channels
+    def fit_scores(
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        origin_px: FloatArray,
+        hypotheses: Sequence[Similarity],
+    ) -> FloatArray:
+        """Return the best score of the learned features ``(n,)`` near the prior."""
         image, valid = self._tensors(thermal)
-        encoded = self._model.encode_thermal(image, valid)[0]
-        window = torch.from_numpy(features.values[:channels]).to(self._device, torch.float32)[None]
-        if min(n - m for n, m in zip(window.shape[-2:], encoded.shape[-2:], strict=True)) < 0:
-            return None
+        scores = self._average(
+            member.turned_scores(window, image, valid, hypotheses)
+            for member, window in self._windows(features)
+        )
+        near = within_reach((scores.shape[-2], scores.shape[-1]), origin_px / STRIDE_PX)
+        best: FloatArray = scores[:, near].max(axis=1)
+        return best
 
-        def score(turned: torch.Tensor, masks: torch.Tensor) -> torch.Tensor:
-            templates = normalise_template(turned, masks)
-            scores = correlate(window, templates[None], masks[None])[0]
-            return scores.flatten(1).amax(dim=1) * self._temperature
+    def _windows(self, features: MapFeatures) -> Iterator[tuple[Member, torch.Tensor]]:
+        """Yield each member with its map features ``(1, channels, h, w)``."""
+        first = 0
+        for member in self._members:
+            own = features.values[first : first + member.channels]
+            yield member, torch.from_numpy(own).to(self._device, torch.float32)[None]
+            first += member.channels
 
-        return fit_similarity(score, encoded, cell_mask(valid, STRIDE_PX)[0])
-
-    def _encode_views(
-        self, thermal: Ortho, views_px: FloatArray
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return thermal features ``(1, C, h, w)`` and the views' cell masks ``(N, 1, h, w)``."""
-        image, valid = self._tensors(thermal)
-        encoded = encode_symmetric(self._model.encode_thermal, image, valid, self._symmetries)
-        cells = cell_mask(valid, STRIDE_PX)[0, 0].bool().cpu().numpy()
-        masks = torch.from_numpy(view_masks(views_px, cells, STRIDE_PX))[:, None]
-        return encoded, masks.to(self._device)
+    def _average(self, scores: Iterable[torch.Tensor]) -> FloatArray:
+        """Return the members' mean scores."""
+        return torch.stack(list(scores)).double().mean(dim=0).cpu().numpy()
 
     def _tensors(self, thermal: Ortho) -> tuple[torch.Tensor, torch.Tensor]:
         """Return image and mask ``(1, 1, h, w)``."""
         image = torch.from_numpy(thermal.image)[None, None].to(self._device)
         return image, torch.from_numpy(thermal.valid).float()[None, None].to(self._device)
-
-    def _learned_scores(
-        self, features: MapFeatures, encoded: torch.Tensor, masks: torch.Tensor
-    ) -> FloatArray:
-        """Return log-posterior scores ``(N, rows, columns)`` of every shift."""
-        templates = normalise_template(encoded.expand(len(masks), -1, -1, -1), masks)
-        learned = features.values[: -len(CHANNELS)]
-        window = torch.from_numpy(learned).to(self._device, torch.float32)[None]
-        scores = correlate(window, templates[None], masks[None])[0] * self._temperature
-        return scores.double().cpu().numpy()
 
     def _appearance_scores(
         self, features: MapFeatures, thermal: Ortho, masks: torch.Tensor
@@ -146,11 +141,18 @@ class XcorrEstimator:
         return share.double().cpu().numpy()
 
 
-def open_xcorr(weights_path: Path | None, device: str, symmetries: int) -> XcorrEstimator:
+def open_xcorr(
+    weights_path: Path | None, device: str, symmetries: int, ensemble: bool = False
+) -> XcorrEstimator:
     """Return the estimator with the weights in the box or a user's own, on ``auto|cpu|cuda``.
 
+    ``ensemble`` averages all members in the box.
+
     Raises:
-        WeightsError: the weights cannot be used.
+        WeightsError: the weights cannot be used, or an ensemble of a user's own was asked for.
     """
-    model = load_xcorr(weights_path or BUNDLED_XCORR).model
-    return XcorrEstimator(model, device=choose_device(device), symmetries=symmetries)
+    if ensemble and weights_path is not None:
+        raise WeightsError("--ensemble is of the weights in the box; leave out --weights")
+    paths = BUNDLED_ENSEMBLE if ensemble else (weights_path or BUNDLED_XCORR,)
+    models = [load_xcorr(path).model for path in paths]
+    return XcorrEstimator(models, device=choose_device(device), symmetries=symmetries)

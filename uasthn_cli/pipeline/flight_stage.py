@@ -8,7 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uasthn_cli.config import CropTtaConfig
-from uasthn_cli.fusion.constants import FlightConstants, clock_constant, constants_of_views
+from uasthn_cli.fusion.constants import (
+    LEAST_FRAMES,
+    Constant,
+    FlightConstants,
+    clock_constant,
+    constants_of_views,
+)
 from uasthn_cli.fusion.diffusion import fit_diffusion
 from uasthn_cli.fusion.forward_backward import smooth
 from uasthn_cli.fusion.offsets import TOLERANCE_M, OffsetGrid, best_offset_m
@@ -167,28 +173,38 @@ class FlightStage:
         chosen = np.flatnonzero(sure)
         if chosen.size > _CONSTANTS_FRAMES:
             chosen = chosen[np.linspace(0, chosen.size - 1, _CONSTANTS_FRAMES).round().astype(int)]
-        similarities = [
-            similarity
-            for index in chosen.tolist()
-            if (similarity := self._similarity(frames[index].prior, offsets_m[index])) is not None
-        ]
-        yaw_rad, log_scale = constants_of_views(similarities)
+        views = self._views([(frames[i].prior, offsets_m[i]) for i in chosen.tolist()])
         times_s = np.array([frame.prior.time_utc_s for frame in frames])
         clock_s = clock_constant(
             times_s[sure], offsets_m[sure], velocities_m_s[sure], self._wide.pitch_m
         )
+        yaw_rad, log_scale = views or (None, None)
         return FlightConstants(yaw_rad, log_scale, clock_s)
 
-    def _similarity(self, prior: Prior, offset_m: FloatArray) -> Similarity | None:
+    def _views(
+        self, places: Sequence[tuple[Prior, FloatArray]]
+    ) -> tuple[Constant, Constant] | None:
+        """Estimate turn and scale from frames, each with its offset; None from too few."""
         estimator = self._near.estimator
         if not isinstance(estimator, Aligner):
             return None
-        moved = moved_prior(prior, offset_m, self._wide.local)
-        try:
-            scene = self._near.scene(moved, _NEAR_REACH_PITCHES * self._wide.pitch_m)
-        except LookError:
-            return None
-        return estimator.similarity(scene.features, scene.thermal, scene.origin_px)
+        scenes = []
+        for prior, offset_m in places:
+            moved = moved_prior(prior, offset_m, self._near.local)
+            try:
+                scenes.append(self._near.scene(moved, self._reach_m))
+            except LookError as error:
+                _log.debug("%s: %s", prior.frame.name, error)
+
+        def score(hypotheses: Sequence[Similarity]) -> FloatArray:
+            return np.stack(
+                [
+                    estimator.fit_scores(s.features, s.thermal, s.origin_px, hypotheses)
+                    for s in scenes
+                ]
+            )
+
+        return constants_of_views(score) if len(scenes) >= LEAST_FRAMES else None
 
     def _near_priors(
         self, frames: Sequence[FlightFrame], offsets_m: FloatArray, constants: FlightConstants

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uasthn_cli.config import GeotagConfig
+from uasthn_cli.config import MIN_SUPPORT, GeotagConfig
 from uasthn_cli.fusion.offsets import PosteriorSummary, ce90_of, posterior_of, summarise_posterior
 from uasthn_cli.types import FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
@@ -84,12 +84,13 @@ class Judge:
     def doubt_of_fused(self, trust: Trust) -> Reason | None:
         """Return why a fused answer is not to be trusted, or None; its views' spread plays no part.
 
-        Without a calibration a fused answer needs confidence and support.
+        Whatever the calibration says, most near frames must agree alone.
         """
+        if not trust.support > MIN_SUPPORT:
+            return Reason.UNSUPPORTED
         config = self._config.decision
         limit = None if self._fused is None else self._fused.max_risk
-        confidence = min(trust.confidence, trust.support)
-        return doubt(0.0, confidence, trust.risk, 0.0, config, limit)
+        return doubt(0.0, trust.confidence, trust.risk, 0.0, config, limit)
 
     def _trust(
         self,
@@ -100,7 +101,7 @@ class Judge:
         agreement: Agreement,
     ) -> Trust:
         scale = 1.0 if judgement is None else judgement.ce90_scale
-        covariance_m2 = (covariance_m2 + np.eye(2) * self._config.map_error_m**2) * scale**2
+        covariance_m2 = covariance_m2 * scale**2 + np.eye(2) * self._config.map_error_m**2
         return Trust(
             confidence=summary.confidence,
             entropy_nats=summary.entropy_nats,

@@ -83,7 +83,7 @@ class Run:
     ) -> None:
         """Wire the stages together; ``lookers`` see the wide search and what is near."""
         self.priors, self.map_crs, self._timer = priors, map_crs, timer
-        self.camera = job.camera
+        self.camera, self._fuses = job.camera, job.config.fuse
         self._wide, self._near = lookers
         self._judge = Judge(job.config, job.calibration)
         self._stage = FrameStage(self._wide, self._judge, job.config)
@@ -134,6 +134,15 @@ class Run:
             return fused_results(
                 located, survey, looks, self._flight.near_grid, self._judge, self._wide
             )
+
+    def answers(self) -> list[FrameResult]:
+        """Return the final answer of every frame, in frame order: all of the above in one go."""
+        located = list(self.locate())
+        survey = self.survey(located) if self._fuses else None
+        if survey is None:
+            return [entry.result for entry in located]
+        near = {look.frame.name: look for look in self.look_again(survey)}
+        return self.fuse(located, survey, near)
 
     def describe(self) -> dict[str, Any]:
         """Return what was chosen for this run, ready for ``run.json``."""
@@ -195,6 +204,7 @@ def _open_estimator(job: GeotagJob, symmetries: int | None = None) -> Estimator:
         weights_path=job.weights_path,
         device=job.config.device,
         symmetries=symmetries or job.config.symmetries,
+        ensemble=job.config.ensemble,
     )
 
 

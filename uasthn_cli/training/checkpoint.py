@@ -11,6 +11,7 @@ import torch
 
 from uasthn_cli.errors import TrainingDataError
 from uasthn_cli.outputs.atomic import write_bytes
+from uasthn_cli.training.engine import PARTS
 
 _WRITTEN_AS: Final = {
     "seed": "--seed",
@@ -18,8 +19,10 @@ _WRITTEN_AS: Final = {
     "samples.windows": "--windows",
     "samples.canvases": "--canvases",
     "data": "--images or --sand-share (or the images have changed)",
-    "architecture.widths": "architecture",
-    "architecture.feature_channels": "architecture",
+    "architecture.widths": "--widths",
+    "architecture.feature_channels": "--channels",
+    "initial": "--init",
+    **{f"samples.engine.{part.replace('-', '_')}": f"--without {part}" for part in PARTS},
 }
 _FREE: Final = ("steps", "device", "bfloat16", "workers", "checkpoint_every", "changes")
 _SAID: Final = ("steps", "device", "bfloat16")
@@ -98,7 +101,10 @@ def require_same_run(path: Path, saved: dict[str, Any], wanted: dict[str, Any]) 
     for name in sorted(saved_flat.keys() & wanted_flat.keys()):
         if name in _FREE or saved_flat[name] == wanted_flat[name]:
             continue
-        values = "" if name == "data" else f" ({saved_flat[name]}, now {wanted_flat[name]})"
+        is_digest = name in ("data", "initial")
+        values = (
+            "" if is_digest else f" ({_said(saved_flat[name])}, now {_said(wanted_flat[name])})"
+        )
         raise TrainingDataError(
             f"{path}: was begun with another {_WRITTEN_AS.get(name, name)}{values}; give the same"
             " again, choose another --out, or delete the checkpoint to start anew"
@@ -112,6 +118,11 @@ def changes_on_resume(step: int, saved: dict[str, Any], wanted: dict[str, Any]) 
         for name in _SAID
         if name in saved and saved[name] != wanted[name]
     ]
+
+
+def _said(value: Any) -> Any:
+    """Return a value as a message names it."""
+    return ("off", "on")[value] if isinstance(value, bool) else value
 
 
 def _flatten(settings: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -13,7 +13,7 @@ from uasthn_cli.outputs import atomic
 from uasthn_cli.training.loop import Validation
 from uasthn_cli.training.refine_loop import RefineProgress
 from uasthn_cli.training.scenes import ImageSource, RenderedShares
-from uasthn_cli.training.trainee import TrainingConfig
+from uasthn_cli.training.trainee import InitialWeights, TrainingConfig
 
 SUFFIX = ".safetensors"
 _ALIGNMENT = 8
@@ -87,6 +87,7 @@ class TrainingStory:
     refinement: RefineProgress | None
     licence_note: str | None
     command_line: str | None
+    initial: InitialWeights | None = None
 
 
 def export(paths: OutputPaths, model: XcorrModel, story: TrainingStory) -> None:
@@ -167,6 +168,7 @@ def _data(story: TrainingStory) -> Iterator[str]:
 def _settings(story: TrainingStory) -> Iterator[tuple[str, object]]:
     config = story.config
     yield "uasthn", __version__
+    yield "started from", _start(story.initial)
     yield "steps", config.steps
     yield "batch", f"{config.samples.windows} windows × {config.samples.canvases} thermal views"
     yield "seed", config.seed
@@ -175,6 +177,13 @@ def _settings(story: TrainingStory) -> Iterator[tuple[str, object]]:
     yield "device", config.device
     if config.device == "cpu":
         yield "threads", story.threads
+    yield "engine without", ", ".join(config.samples.engine.missing) or "nothing: all parts are on"
+
+
+def _start(initial: InitialWeights | None) -> str:
+    if initial is None:
+        return "random weights"
+    return f"`{initial.name}`, SHA-256 {initial.sha256}"
 
 
 def _validation(story: TrainingStory) -> Iterator[str]:
@@ -186,7 +195,7 @@ def _validation(story: TrainingStory) -> Iterator[str]:
     yield f"| median error of the search | {story.validation.median_error_px:.2f} px |"
     yield f"| searches within 4 px | {story.validation.within_4_px:.1%} |"
     if story.refinement is None:
-        yield "| refiner | not trained |"
+        yield f"| refiner | {'not trained' if story.initial is None else 'as it was'} |"
     else:
         before, after = story.refinement.before_px, story.refinement.after_px
         yield f"| corner error in training, refined | {before:.2f} px to {after:.2f} px |"

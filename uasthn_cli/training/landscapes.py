@@ -8,17 +8,19 @@ from numpy.typing import NDArray
 
 from uasthn_cli.synth.kinds import LandscapeKind
 from uasthn_cli.synth.landscape import render_landscape
+from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.fields import resize_square, standardise
 from uasthn_cli.training.pseudo_thermal import thermal_from_colour
 from uasthn_cli.types import ImageArray
 
-LANDSCAPES = 60
+LANDSCAPES = 200
 """How many landscapes a worker renders and keeps."""
 
 LANDSCAPE_PX = 800
 _SEED = 7_000_000
-_MIN_GSD_M, _MAX_GSD_M = 0.5, 5.0
-_COLOUR_SHARE = 0.4
+_MIN_GSD_M, _MAX_GSD_M = 0.3, 10.0
+_MIDDLE_GSD_M = (_MIN_GSD_M * _MAX_GSD_M) ** 0.5
+_COLOUR_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +39,17 @@ class RenderedLandscape:
         return f"landscape {self.index}".encode()
 
     def render(
-        self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
+        self,
+        rng: np.random.Generator,
+        row_px: int,
+        column_px: int,
+        length_px: int,
+        size_px: int,
+        engine: EngineConfig,
     ) -> tuple[ImageArray, list[ImageArray]]:
         """Return the map by day and two views by night, each with some of the colours mixed in."""
-        rgb, temperature = _landscape(self.index)
+        gsd_m = _gsd_m(self.index) if engine.scale_range else _MIDDLE_GSD_M
+        rgb, temperature = _landscape(self.index, gsd_m)
         rows, columns = slice(row_px, row_px + length_px), slice(column_px, column_px + length_px)
         colour = resize_square(rgb[rows, columns].astype(np.float32) / 255, size_px)
         night = standardise(resize_square(temperature[rows, columns].astype(np.float32), size_px))
@@ -48,21 +57,22 @@ class RenderedLandscape:
         for _ in range(2):
             view = night
             if rng.random() < _COLOUR_SHARE:
-                view = view + rng.uniform(0.0, 1.0) * thermal_from_colour(rng, colour)
+                view = view + rng.uniform(0.0, 1.0) * thermal_from_colour(rng, colour, engine)
             thermals.append(np.asarray(view, np.float32))
         return colour, thermals
 
 
 @lru_cache(maxsize=LANDSCAPES)
-def _landscape(index: int) -> tuple[NDArray[np.uint8], NDArray[np.float16]]:
+def _landscape(index: int, gsd_m: float) -> tuple[NDArray[np.uint8], NDArray[np.float16]]:
     """Return colour ``(n, n, 3)`` and standardised temperature ``(n, n)``, in little memory."""
     kinds = list(LandscapeKind)
-    gsd_m = float(
-        np.exp(
-            np.random.default_rng([_SEED, index]).uniform(np.log(_MIN_GSD_M), np.log(_MAX_GSD_M))
-        )
-    )
     place = render_landscape(
         _SEED + index, (LANDSCAPE_PX, LANDSCAPE_PX), gsd_m, kind=kinds[index % len(kinds)]
     )
     return place.rgb, standardise(place.temperature).astype(np.float16)
+
+
+def _gsd_m(index: int) -> float:
+    """Return the GSD of a landscape, evenly spread on a logarithmic scale."""
+    rng = np.random.default_rng([_SEED, index])
+    return float(np.exp(rng.uniform(np.log(_MIN_GSD_M), np.log(_MAX_GSD_M))))

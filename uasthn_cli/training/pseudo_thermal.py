@@ -8,6 +8,7 @@ roofs against soil: the sign is free), random texture terms, and Riesz transform
 import cv2
 import numpy as np
 
+from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.fields import blur, riesz_transform, standardise
 from uasthn_cli.types import ImageArray
 
@@ -15,30 +16,44 @@ RIESZ_SHARE = 0.4
 TEXTURE_SHARE = 0.6
 
 
-def thermal_from_colour(rng: np.random.Generator, rgb: ImageArray) -> ImageArray:
+def thermal_from_colour(
+    rng: np.random.Generator, rgb: ImageArray, engine: EngineConfig
+) -> ImageArray:
     """Return a random pseudo-thermal rendering ``(h, w)``, unit deviation, of ``rgb`` in 0..1."""
     mean, deviation = cv2.meanStdDev(rgb)
     colour = ((rgb - mean[:, 0]) / (deviation.mean() + 1e-3)).astype(np.float32)
-    thermal = rng.random() * _tone_curve(rng, colour @ rng.normal(size=3).astype(np.float32))
-    thermal = thermal + 1.5 * rng.random() * _cluster_temperatures(rng, colour)
+    share, projection = rng.random(), colour @ rng.normal(size=3).astype(np.float32)
+    thermal = share * _tone_curve(rng, projection, bent=engine.tone_curves)
+    if engine.cluster_temperatures:
+        thermal = thermal + 1.5 * rng.random() * _cluster_temperatures(rng, colour)
     grey = colour @ np.full(3, 1 / 3, np.float32)
-    detail = grey - blur(grey, rng.uniform(1.0, 6.0))
-    if rng.random() < TEXTURE_SHARE:
-        thermal = thermal + 0.3 * rng.normal() * blur(np.abs(detail), rng.uniform(0.7, 3.0))
-    if rng.random() < TEXTURE_SHARE:
-        thermal = thermal + 0.2 * rng.normal() * detail
+    if engine.texture:
+        thermal = thermal + _texture(rng, grey)
     thermal = standardise(thermal)
-    if rng.random() < RIESZ_SHARE:
+    if engine.relief and rng.random() < RIESZ_SHARE:
         relief = standardise(riesz_transform(grey, rng.uniform(0.0, 2.0 * np.pi)))
         thermal = standardise(thermal + rng.uniform(0.3, 1.5) * relief)
     return thermal
 
 
-def _tone_curve(rng: np.random.Generator, values: ImageArray) -> ImageArray:
-    """Return a random piecewise linear function of ``values``."""
+def _texture(rng: np.random.Generator, grey: ImageArray) -> ImageArray:
+    """Return fine structure of either sign, rectified, as it is, both or none."""
+    detail = grey - blur(grey, rng.uniform(1.0, 6.0))
+    texture = np.zeros_like(grey)
+    if rng.random() < TEXTURE_SHARE:
+        texture += np.float32(0.3 * rng.normal()) * blur(np.abs(detail), rng.uniform(0.7, 3.0))
+    if rng.random() < TEXTURE_SHARE:
+        texture += np.float32(0.2 * rng.normal()) * detail
+    return texture
+
+
+def _tone_curve(rng: np.random.Generator, values: ImageArray, *, bent: bool) -> ImageArray:
+    """Return a random piecewise linear function of ``values``, or just ``values``, in 0..1."""
     low, high = float(values.min()), float(values.max())
-    knots = int(rng.integers(3, 8))
-    curve = np.interp(np.linspace(0, 1, 256), np.linspace(0, 1, knots), rng.random(knots))
+    curve = np.linspace(0, 1, 256)
+    if bent:
+        knots = int(rng.integers(3, 8))
+        curve = np.interp(curve, np.linspace(0, 1, knots), rng.random(knots))
     index = ((values - low) * (255.0 / (high - low + 1e-6))).astype(np.uint8)
     return curve.astype(np.float32)[index]
 

@@ -1,7 +1,7 @@
 """One training run from its images to its weights; what was interrupted goes on."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -10,7 +10,7 @@ from uasthn_cli.training.export import OutputPaths, TrainingStory, export
 from uasthn_cli.training.loop import Progress, Validation, train_steps, validate
 from uasthn_cli.training.refine_loop import RefineConfig, RefineProgress, train_refiner
 from uasthn_cli.training.scenes import RenderedShares, load_scenes
-from uasthn_cli.training.trainee import TrainingConfig, open_trainee
+from uasthn_cli.training.trainee import TrainingConfig, open_trainee, read_initial_weights
 from uasthn_cli.training.training_log import TrainingLog
 
 
@@ -20,6 +20,7 @@ class TrainingJob:
 
     ``images`` are glob patterns with weights. The refiner is trained after the encoders, for
     ``refine_steps``; ``licence_note`` and ``command_line`` go into the model card as they are.
+    With ``initial_weights`` the network starts from that file and has its architecture.
     """
 
     out: Path
@@ -31,6 +32,7 @@ class TrainingJob:
     overwrite: bool = False
     licence_note: str | None = None
     command_line: str | None = None
+    initial_weights: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +52,20 @@ class TrainingRun:
         Raises:
             OutputError: the output exists or cannot be written.
             TrainingDataError: there is nothing to train on, or the checkpoint is of another run.
+            WeightsError: the initial weights cannot be used.
         """
-        self._job = job
         self.paths = OutputPaths(job.out)
         self.paths.prepare(job.overwrite)
+        self._initial = None
+        if job.initial_weights is not None:
+            self._initial = read_initial_weights(job.initial_weights)
+            job = replace(
+                job, config=replace(job.config, architecture=self._initial.model.architecture)
+            )
+        self._job = job
         self._scenes = load_scenes(job.images, job.rendered)
         data = self._scenes.fingerprint()
-        self._trainee = open_trainee(job.config, self.paths.checkpoint, data)
+        self._trainee = open_trainee(job.config, self.paths.checkpoint, data, self._initial)
         self._log = TrainingLog(self.paths.log, self._trainee.step)
         self.saved_step = self._trainee.step
         self._validation: Validation | None = None
@@ -96,6 +105,7 @@ class TrainingRun:
             device=config.device,
             bfloat16=config.bfloat16,
             workers=config.workers,
+            samples=replace(RefineConfig().samples, engine=config.samples.engine),
         )
         if refine_config.steps > 0:
             for progress in train_refiner(self._trainee.model, self._scenes, refine_config):
@@ -119,6 +129,7 @@ class TrainingRun:
             refinement=self._refinement,
             licence_note=self._job.licence_note,
             command_line=self._job.command_line,
+            initial=self._initial,
         )
         export(self.paths, self._trainee.model, story)
         return validation

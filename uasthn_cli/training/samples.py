@@ -1,6 +1,6 @@
 """Draw training samples: a map window, thermal canvases over it, and where they truly lie."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -10,6 +10,7 @@ from torch.utils.data import Dataset
 from uasthn_cli.config import TrainingDefaults
 from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px
 from uasthn_cli.training.degrade import degrade_map, degrade_thermal, map_edge
+from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.scenes import SceneSet
 from uasthn_cli.types import FloatArray, ImageArray
 
@@ -20,13 +21,14 @@ CANVAS_PX = 112
 
 @dataclass(frozen=True, slots=True)
 class SampleConfig:
-    """Size of a batch and strength of the geometric error between prior and truth."""
+    """Size of a batch, strength of the prior's geometric error, and what the engine does."""
 
     windows: int = _DEFAULTS.windows
     canvases: int = _DEFAULTS.canvases
     yaw_error_deg: float = 2.5
     scale_error: float = 0.04
     corner_error_px: float = 1.0
+    engine: EngineConfig = field(default_factory=EngineConfig)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +74,10 @@ def _draw_window(
     """Return one window and its canvases, laid out as in :class:`Batch` without the first axis."""
     scene = scenes.draw(rng)
     height_px, width_px = scene.shape_px
-    shorter_px = min(height_px, width_px)
-    longest_px = shorter_px if rng.random() < 0.7 else min(shorter_px, 3 * WINDOW_PX)
-    length_px = int(rng.uniform(min(160, longest_px), longest_px + 1))
+    length_px = _draw_length_px(rng, min(height_px, width_px), config.engine)
     row_px = int(rng.integers(0, height_px - length_px + 1))
     column_px = int(rng.integers(0, width_px - length_px + 1))
-    rgb, fields = scene.render(rng, row_px, column_px, length_px, WINDOW_PX)
+    rgb, fields = scene.render(rng, row_px, column_px, length_px, WINDOW_PX, config.engine)
     turns, mirrored = int(rng.integers(4)), rng.random() < 0.5
     rgb, *fields = [_turn(image, turns, mirrored=mirrored) for image in (rgb, *fields)]
     edge = map_edge(rng, WINDOW_PX)
@@ -85,7 +85,7 @@ def _draw_window(
         _draw_canvas(rng, fields[k % len(fields)], config, edge) for k in range(config.canvases)
     ]
     thermal, valid, corners = (np.stack(column) for column in zip(*canvases, strict=True))
-    satellite = degrade_map(rng, rgb) * edge[..., None]
+    satellite = degrade_map(rng, rgb, config.engine) * edge[..., None]
     return (
         np.ascontiguousarray(satellite.transpose(2, 0, 1), dtype=np.float32),
         edge[None],
@@ -93,6 +93,14 @@ def _draw_window(
         valid[:, None],
         corners,
     )
+
+
+def _draw_length_px(rng: np.random.Generator, shorter_px: int, engine: EngineConfig) -> int:
+    """Return the side of the square to cut out of a scene whose shorter side is ``shorter_px``."""
+    if not engine.scale_range:
+        return min(shorter_px, WINDOW_PX)
+    longest_px = shorter_px if rng.random() < 0.7 else min(shorter_px, 3 * WINDOW_PX)
+    return int(rng.uniform(min(160, longest_px), longest_px + 1))
 
 
 def _draw_canvas(
@@ -109,7 +117,7 @@ def _draw_canvas(
         borderMode=cv2.BORDER_REFLECT,
     )
     valid = _footprint(rng)
-    return degrade_thermal(rng, thermal, valid), valid, corners.astype(np.float32)
+    return degrade_thermal(rng, thermal, valid, config.engine), valid, corners.astype(np.float32)
 
 
 def _true_corners(rng: np.random.Generator, config: SampleConfig, edge: ImageArray) -> FloatArray:
@@ -119,12 +127,13 @@ def _true_corners(rng: np.random.Generator, config: SampleConfig, edge: ImageArr
         centre = rng.uniform(half + 2, WINDOW_PX - 1 - half - 2, 2)
         if edge[int(centre[1]), int(centre[0])] > 0:
             break
-    yaw = np.deg2rad(rng.normal() * config.yaw_error_deg)
+    strength = 1.0 if config.engine.geometry_error else 0.0
+    yaw = np.deg2rad(rng.normal() * strength * config.yaw_error_deg)
     rotation = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     square = image_corners_px(CANVAS_PX, CANVAS_PX) - half
-    scale = np.exp(rng.normal() * config.scale_error)
+    scale = np.exp(rng.normal() * strength * config.scale_error)
     corners: FloatArray = scale * square @ rotation.T + centre
-    return corners + rng.normal(size=(4, 2)) * config.corner_error_px
+    return corners + rng.normal(size=(4, 2)) * strength * config.corner_error_px
 
 
 def _footprint(rng: np.random.Generator) -> ImageArray:

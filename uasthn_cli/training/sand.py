@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.fields import (
     blur,
     directional_derivative,
@@ -49,12 +50,14 @@ def render_sand(rng: np.random.Generator, size_px: int = SAND_PX) -> SandScene:
     return SandScene(np.clip(rgb, 0, 1), standardise(height), material)
 
 
-def thermal_from_sand(rng: np.random.Generator, scene: SandScene) -> ImageArray:
+def thermal_from_sand(
+    rng: np.random.Generator, scene: SandScene, engine: EngineConfig
+) -> ImageArray:
     """Return a random pseudo-thermal rendering ``(n, n)`` of a crop of sand."""
     height = blur(scene.height, rng.uniform(0.5, 2.0))
     shading = directional_derivative(height, rng.uniform(0, 2 * np.pi))
     curvature = blur(cv2.Laplacian(height, cv2.CV_32F, ksize=3), 1.0)
-    parts = (height, shading, curvature, thermal_from_colour(rng, scene.rgb))
+    parts = (height, shading, curvature, thermal_from_colour(rng, scene.rgb, engine))
     weights = rng.normal(size=4) * (0.5, 1.0, 0.7, 0.4)
     relief = sum(w * standardise(p) for w, p in zip(weights, parts, strict=True))
     mixed = standardise(np.asarray(relief, np.float32)) * rng.uniform(0.2, 1.0)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from uasthn_cli.errors import TrainingDataError
 from uasthn_cli.mapping.imagery import OverheadImage, read_overhead_tiles
+from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.fields import resize_square, standardise
 from uasthn_cli.training.landscapes import LANDSCAPES, RenderedLandscape
 from uasthn_cli.training.places import Places
@@ -23,7 +24,7 @@ from uasthn_cli.types import ImageArray
 
 _log = logging.getLogger(__name__)
 
-SAND_SCENES = 64
+SAND_SCENES = 100
 """How many stretches of sand a worker renders and keeps."""
 
 _MIN_IMAGE_PX = 128
@@ -41,7 +42,13 @@ class Scene(Protocol):
         """Return bytes that differ where another scene is rendered."""
 
     def render(
-        self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
+        self,
+        rng: np.random.Generator,
+        row_px: int,
+        column_px: int,
+        length_px: int,
+        size_px: int,
+        engine: EngineConfig,
     ) -> tuple[ImageArray, list[ImageArray]]:
         """Return the map ``(size, size, 3)`` in 0..1 and two thermal renderings ``(size, size)``.
 
@@ -69,7 +76,13 @@ class ImageryScene:
         return digest.digest()
 
     def render(
-        self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
+        self,
+        rng: np.random.Generator,
+        row_px: int,
+        column_px: int,
+        length_px: int,
+        size_px: int,
+        engine: EngineConfig,
     ) -> tuple[ImageArray, list[ImageArray]]:
         """Return a map of one date and thermal renderings of the same or another date."""
 
@@ -78,10 +91,10 @@ class ImageryScene:
             return resize_square(piece.astype(np.float32) / 255, size_px)
 
         map_date, thermal_date = rng.integers(0, len(self.dates), 2)
-        if rng.random() > _CHANGED_DATE_SHARE:
+        if not engine.date_change or rng.random() > _CHANGED_DATE_SHARE:
             thermal_date = map_date
         source = crop(self.dates[thermal_date])
-        thermals = [thermal_from_colour(rng, source) for _ in range(2)]
+        thermals = [thermal_from_colour(rng, source, engine) for _ in range(2)]
         return crop(self.dates[map_date]), thermals
 
 
@@ -101,7 +114,13 @@ class RenderedSand:
         return f"sand {self.index}".encode()
 
     def render(
-        self, rng: np.random.Generator, row_px: int, column_px: int, length_px: int, size_px: int
+        self,
+        rng: np.random.Generator,
+        row_px: int,
+        column_px: int,
+        length_px: int,
+        size_px: int,
+        engine: EngineConfig,
     ) -> tuple[ImageArray, list[ImageArray]]:
         """Return the sunlit map and two night views of the same relief."""
         whole = _sand(self.index)
@@ -111,7 +130,7 @@ class RenderedSand:
             standardise(resize_square(whole.height[rows, columns].astype(np.float32), size_px)),
             resize_square(whole.material[rows, columns].astype(np.float32), size_px),
         )
-        return piece.rgb, [thermal_from_sand(rng, piece) for _ in range(2)]
+        return piece.rgb, [thermal_from_sand(rng, piece, engine) for _ in range(2)]
 
 
 @dataclass(frozen=True, slots=True)

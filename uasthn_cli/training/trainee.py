@@ -1,5 +1,6 @@
 """A model in training: made anew or taken from a checkpoint, and written to one."""
 
+import hashlib
 import logging
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -12,6 +13,7 @@ from uasthn_cli.config import TrainingDefaults
 from uasthn_cli.errors import TrainingDataError
 from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
+from uasthn_cli.matching.weights import load_xcorr
 from uasthn_cli.training.checkpoint import (
     TrainingState,
     changes_on_resume,
@@ -45,6 +47,25 @@ class TrainingConfig:
     architecture: XcorrArchitecture = field(default_factory=XcorrArchitecture)
 
 
+@dataclass(frozen=True, slots=True)
+class InitialWeights:
+    """Weights that training starts from instead of random ones, and the file they come from."""
+
+    name: str
+    sha256: str
+    model: XcorrModel
+
+
+def read_initial_weights(path: Path) -> InitialWeights:
+    """Read what training is to start from.
+
+    Raises:
+        WeightsError: missing, not safetensors, or of another kind of network.
+    """
+    model = load_xcorr(path).model
+    return InitialWeights(path.name, hashlib.sha256(path.read_bytes()).hexdigest(), model)
+
+
 @dataclass(slots=True)
 class Trainee:
     """A model in training, the optimiser that moves it, and how many steps it has taken.
@@ -63,15 +84,25 @@ class Trainee:
         return list(self.settings["changes"])
 
 
-def open_trainee(config: TrainingConfig, checkpoint_path: Path, data: str) -> Trainee:
-    """Return a new model, or the one in the checkpoint; ``data`` is the scenes' fingerprint.
+def open_trainee(
+    config: TrainingConfig,
+    checkpoint_path: Path,
+    data: str,
+    initial: InitialWeights | None = None,
+) -> Trainee:
+    """Return the model in the checkpoint, or a new one with random or ``initial`` weights.
+
+    ``data`` is the scenes' fingerprint; ``initial`` has the architecture of ``config``.
 
     Raises:
         TrainingDataError: the checkpoint belongs to another run.
     """
     keep_freed_memory()
     torch.manual_seed(config.seed)
-    model = XcorrModel(config.architecture).to(config.device)
+    model = XcorrModel(config.architecture)
+    if initial is not None:
+        model.load_state_dict(initial.model.state_dict())
+    model.to(config.device)
     parameters = trained_parameters(model)
     for parameter in parameters:  # oneDNN trains several times faster in this layout
         if parameter.ndim == 4:
@@ -79,7 +110,8 @@ def open_trainee(config: TrainingConfig, checkpoint_path: Path, data: str) -> Tr
     optimiser = torch.optim.AdamW(
         parameters, lr=config.learning_rate, weight_decay=config.weight_decay
     )
-    settings = {**asdict(config), "data": data, "changes": []}
+    begun_from = initial.sha256 if initial is not None else ""
+    settings = {**asdict(config), "data": data, "initial": begun_from, "changes": []}
     trainee = Trainee(model, optimiser, 0, settings)
     if checkpoint_path.exists():
         _resume(trainee, checkpoint_path)
