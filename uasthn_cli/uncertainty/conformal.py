@@ -85,13 +85,13 @@ def threshold_sequence(
     """
     shares = np.linspace(1 / steps, 1.0, steps)
     thresholds = np.unique(np.quantile(risks, shares, method="higher"))
+    modest = thresholds[thresholds <= LARGEST_MULTIPLE * target_risk]
+    thresholds = modest if modest.size else thresholds[:1]
     p_values = [
         binomial_p_value(errors, accepted, target_risk)
         for accepted, errors in (_counts(risks, is_error, float(limit)) for limit in thresholds)
     ]
-    sequence = thresholds[int(np.argmin(p_values)) :]
-    modest = sequence[sequence <= LARGEST_MULTIPLE * target_risk]
-    return modest if modest.size else sequence[:1]
+    return thresholds[int(np.argmin(p_values)) :]
 
 
 def certify(
