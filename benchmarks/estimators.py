@@ -75,7 +75,7 @@ def score(job: GeotagJob, flight: str, name: str, truth: Truth) -> Score:
     """Run one estimator over a flight and compare with the truth."""
     with open_run(job, ESTIMATORS[name]()) as run:
         results = list(run.results())
-        own_s = sum(run.timings.get(stage, 0.0) for stage in ("features", "search", "refine"))
+        own_s = sum(run.timings.get(stage, 0.0) for stage in ("features", "search"))
     known = [result for result in results if _name_of(result) in truth.frames]
     ce_m = np.array([_ce_m(result, truth) for result in known])
     accepted = np.array([isinstance(result, Fix) and result.accepted for result in known])
