@@ -139,13 +139,11 @@ class GeotagConfig:
 class TrainingDefaults:
     """Length, pace and data of one ``uasthn train`` run.
 
-    The encoders take ``steps``, then the refiner ``refine_steps``. A batch is ``windows`` pieces
-    of map with ``canvases`` thermal views each; ``sand_share`` of the
+    A batch is ``windows`` pieces of map with ``canvases`` thermal views each; ``sand_share`` of the
     windows show rendered sand, ``landscape_share`` rendered landscapes.
     """
 
     steps: int = 6000
-    refine_steps: int = 600
     learning_rate: float = 2e-3
     windows: int = 8
     canvases: int = 4
