@@ -9,6 +9,8 @@ import pytest
 from uasthn_cli.config import (
     FALLBACK_MAX_STD_M,
     FALLBACK_MIN_CONFIDENCE,
+    MAP_PIXEL_ERROR,
+    MIN_SUPPORT,
     DecisionConfig,
     GeotagConfig,
 )
@@ -38,7 +40,8 @@ def calibration(signal: str, fused_signal: str | None = None) -> Calibration:
 
 
 def judge(calibrated: Calibration | None = None, **settings: object) -> Judge:
-    return Judge(replace(GeotagConfig(map_error_m=0.0), **settings), calibrated)  # type: ignore[arg-type]
+    config = replace(GeotagConfig(map_error_m=0.0), **settings)  # type: ignore[arg-type]
+    return Judge(config, calibrated, map_pixel_m=0.0)
 
 
 def peak(east_cells: int) -> OffsetLikelihood:
@@ -75,12 +78,18 @@ def test_an_estimator_without_scores_is_judged_by_its_views() -> None:
     assert trust.covariance_m2 == pytest.approx(np.diag([5.0, 12.0]))
 
 
-def test_the_maps_own_error_is_added_before_scaling() -> None:
+def test_the_maps_own_error_is_added_and_never_scaled() -> None:
     plain = single(judge(map_error_m=3.0))
     scaled = single(judge(calibration("u_m"), map_error_m=3.0))
     assert plain.covariance_m2 == pytest.approx(np.eye(2) * (16 / 12 + 9.0))
-    assert scaled.ce90_m == pytest.approx(2.0 * plain.ce90_m)
-    assert scaled.covariance_m2 == pytest.approx(4.0 * plain.covariance_m2)
+    assert scaled.covariance_m2 == pytest.approx(np.eye(2) * (4.0 * 16 / 12 + 9.0))
+    assert scaled.ce90_m == pytest.approx(math.sqrt(-2 * math.log(0.1) * (64 / 12 + 9.0)))
+
+
+def test_the_maps_pixels_leave_something_open_too() -> None:
+    coarse = Judge(GeotagConfig(map_error_m=0.0), None, map_pixel_m=5.0)
+    expected = 16 / 12 + (MAP_PIXEL_ERROR * 5.0) ** 2
+    assert single(coarse).covariance_m2 == pytest.approx(np.eye(2) * expected)
 
 
 def test_single_and_fused_answers_have_their_own_models() -> None:
@@ -101,6 +110,14 @@ def test_a_calibration_without_fused_answers_judges_them_as_single() -> None:
     assert judged.doubt_of_fused(blank) is Reason.RISKY
 
 
+def test_whatever_the_risk_most_neighbours_must_agree() -> None:
+    for judged in (judge(), judge(calibration("u_m", "support"))):
+        sure = trust(risk=0.0, confidence=1.0, support=MIN_SUPPORT + 0.01)
+        assert judged.doubt_of_fused(sure) is None
+        assert judged.doubt_of_fused(replace(sure, support=MIN_SUPPORT)) is Reason.UNSUPPORTED
+        assert judged.doubt_of_fused(replace(sure, support=math.nan)) is Reason.UNSUPPORTED
+
+
 def trust(**changes: float) -> Trust:
     nothing_known = Trust(1.0, 1.0, 1.0, np.eye(2), 2.0, math.nan, math.nan, math.nan)
     return replace(nothing_known, **changes)  # type: ignore[arg-type]
@@ -109,9 +126,8 @@ def trust(**changes: float) -> Trust:
 def test_without_a_calibration_fused_answers_need_confidence_and_support() -> None:
     judged = judge()
     enough, little = FALLBACK_MIN_CONFIDENCE, FALLBACK_MIN_CONFIDENCE - 0.01
-    assert judged.doubt_of_fused(trust(confidence=enough, support=enough)) is None
+    assert judged.doubt_of_fused(trust(confidence=enough, support=1.0)) is None
     assert judged.doubt_of_fused(trust(confidence=little, support=1.0)) is Reason.AMBIGUOUS
-    assert judged.doubt_of_fused(trust(confidence=1.0, support=little)) is Reason.AMBIGUOUS
 
 
 def test_the_spread_of_views_rejects_single_answers_alone() -> None:
@@ -127,7 +143,7 @@ def test_with_a_calibration_each_kind_has_its_limit() -> None:
     assert whole.fused is not None
     stricter = replace(whole, fused=replace(whole.fused, max_risk=0.1))
     judged = judge(stricter)
-    risky = trust(risk=0.2, confidence=0.0, support=0.0)
+    risky = trust(risk=0.2, confidence=0.0, support=1.0)
     assert judged.doubt_of_single(1e3, risky, 500.0) is None
     assert judged.doubt_of_fused(risky) is Reason.RISKY
     assert judged.doubt_of_fused(replace(risky, risk=0.1)) is None
