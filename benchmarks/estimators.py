@@ -10,7 +10,7 @@ import io
 import math
 import os
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import click
@@ -30,6 +30,7 @@ from uasthn_cli.outputs.atomic import write_text
 from uasthn_cli.outputs.truth import Truth, center_error_m, read_truth
 from uasthn_cli.pipeline import GeotagJob, open_run
 from uasthn_cli.types import BoolArray, Estimator, Fix, FloatArray, FrameResult
+from uasthn_cli.uncertainty.calibration import load_bundled_calibration
 
 TOLERANCE_M = 25.0
 UNIT = "ncc"
@@ -47,7 +48,11 @@ ESTIMATORS: dict[str, Callable[[], Estimator]] = {
     "ncc-gradient": lambda: NccEstimator(NccChannel.GRADIENT),
     "ncc": NccEstimator,
     "xcorr": lambda: open_estimator("xcorr"),
+    "ncc-flight": NccEstimator,
+    "xcorr-flight": lambda: open_estimator("xcorr"),
 }
+FLIGHT = "-flight"
+"""Ends the names of estimators whose answers the whole flight settles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +78,12 @@ class Score:
 
 def score(job: GeotagJob, flight: str, name: str, truth: Truth) -> Score:
     """Run one estimator over a flight and compare with the truth."""
+    job = replace(job, config=replace(job.config, fuse=name.endswith(FLIGHT)))
+    if name.startswith("xcorr"):
+        job = replace(job, calibration=load_bundled_calibration())
     with open_run(job, ESTIMATORS[name]()) as run:
-        results = list(run.results())
-        own_s = sum(run.timings.get(stage, 0.0) for stage in ("features", "search"))
+        results = run.answers()
+        own_s = sum(run.timings.get(stage, 0.0) for stage in ("features", "search", "fuse"))
     known = [result for result in results if _name_of(result) in truth.frames]
     ce_m = np.array([_ce_m(result, truth) for result in known])
     accepted = np.array([isinstance(result, Fix) and result.accepted for result in known])

@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 import pytest
 import torch
-import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
+from known_model import known_model
 from matching_scene import centred_origin, encoded, full_view, map_window, thermal_cut
 from small_flight import ground_texture
-from torch import Tensor, nn
 
 from uasthn_cli.matching.appearance import CHANNELS
 from uasthn_cli.matching.networks import (
@@ -26,25 +25,6 @@ from uasthn_cli.types import Aligner, Estimate, FloatArray, MapWindow, Ortho, Si
 
 GREY = ground_texture(5)[:192, :288]
 CORNER_PX, SIZE_PX = (122, 58), (80, 64)
-
-
-class LargeScaleBrightness(nn.Module):
-    """Features of one channel: brightness against the whole map or frame, at half resolution."""
-
-    def __init__(self, channel: int) -> None:
-        super().__init__()
-        self.channel = channel
-
-    def forward(self, x: Tensor) -> Tensor:
-        return F.avg_pool2d(x[:, self.channel : self.channel + 1], 2)
-
-
-def known_model() -> XcorrModel:
-    """Return a model whose encoders see the same in a grey map and in a thermal cut of it."""
-    model = XcorrModel(XcorrArchitecture(feature_channels=1, widths=(4, 4, 4, 4)))
-    model.satellite_encoder = LargeScaleBrightness(3)  # type: ignore[assignment]
-    model.thermal_encoder = LargeScaleBrightness(1)  # type: ignore[assignment]
-    return model
 
 
 def locate(

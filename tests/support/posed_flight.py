@@ -69,6 +69,19 @@ POSES = (
 
 
 @dataclass(frozen=True, slots=True)
+class LogFaults:
+    """What stays wrong throughout a log: what is to be added to times, headings and heights.
+
+    Frames are stamped ``clock_s`` before they were taken, ``yaw_deg`` is missing from the logged
+    heading, and the height is to be multiplied by ``height_factor``.
+    """
+
+    clock_s: float = 0.0
+    yaw_deg: float = 0.0
+    height_factor: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class PosedFlight:
     """Paths of a flight's inputs, and the poses of its frames in order."""
 
@@ -128,27 +141,41 @@ def frame_name(index: int) -> str:
     return f"frame_{round(1000 * (START_UTC_S + 2.0 + index * INTERVAL_S))}.png"
 
 
-def write_log(path: Path, poses: tuple[Pose, ...], fly_on_s: float = 2.0) -> None:
-    """Write a log at 5 Hz that holds each pose while its frame is taken."""
+def write_log(
+    path: Path,
+    poses: tuple[Pose, ...],
+    fly_on_s: float = 2.0,
+    faults: LogFaults | None = None,
+) -> None:
+    """Write a log at 5 Hz that holds each attitude and height while its frame is taken.
+
+    So it does the positions, unless there are ``faults``: then the aircraft flies from one to the
+    next.
+    """
     duration_s = 2.0 + (len(poses) - 1) * INTERVAL_S + fly_on_s
     still = dict.fromkeys(("rollspeed", "pitchspeed", "yawspeed"), 0.0)
+    wrong = faults or LogFaults()
+    places_m = np.array([[pose.east_m, pose.south_m] for pose in poses])
+    places_m = places_m + [pose.prior_error_m for pose in poses]
     with TlogWriter(path) as log:
         for time_s in np.arange(0.0, duration_s, 0.2):
-            index = int(np.clip(round((time_s - 2.0) / INTERVAL_S), 0, len(poses) - 1))
+            step = np.clip((time_s - 2.0) / INTERVAL_S, 0, len(poses) - 1)
+            index = round(step)
             pose = poses[index]
-            pitch_deg = _either(pose.logged_pitch_deg, pose.pitch_deg)
-            height_m = _either(pose.logged_height_m, pose.height_m)
-            place_m = np.array([pose.east_m, pose.south_m]) + pose.prior_error_m
+            place_m = places_m[index] if faults is None else _between(places_m, step)
             lat, lon = degrees(place_m[None])[0]
+            height_m = _either(pose.logged_height_m, pose.height_m) / wrong.height_factor
+            pitch_deg = _either(pose.logged_pitch_deg, pose.pitch_deg)
+            utc_s = START_UTC_S + time_s + wrong.clock_s
             boot = {"time_boot_ms": round(1000 * (BOOT_BEFORE_START_S + time_s))}
             angles = {
                 "roll": math.radians(pose.roll_deg),
                 "pitch": math.radians(pitch_deg),
-                "yaw": math.remainder(math.radians(pose.yaw_deg), 2 * math.pi),
+                "yaw": math.remainder(math.radians(pose.yaw_deg - wrong.yaw_deg), 2 * math.pi),
             }
-            log.write(START_UTC_S + time_s, "ATTITUDE", **boot, **angles, **still)
+            log.write(utc_s, "ATTITUDE", **boot, **angles, **still)
             log.write(
-                START_UTC_S + time_s,
+                utc_s,
                 "GLOBAL_POSITION_INT",
                 **boot,
                 lat=round(lat * 1e7),
@@ -160,6 +187,12 @@ def write_log(path: Path, poses: tuple[Pose, ...], fly_on_s: float = 2.0) -> Non
                 vz=0,
                 hdg=0,
             )
+
+
+def _between(places_m: FloatArray, step: float) -> FloatArray:
+    """Return the place on the way from one of ``(n, 2)`` places to the next."""
+    steps = np.arange(len(places_m))
+    return np.array([np.interp(step, steps, axis) for axis in places_m.T])
 
 
 def _either(logged: float | None, true: float) -> float:
@@ -184,7 +217,10 @@ def opened(
 
 
 def make_posed_flight(
-    folder: Path, poses: tuple[Pose, ...] = POSES, mount_yaw_deg: float = 0.0
+    folder: Path,
+    poses: tuple[Pose, ...] = POSES,
+    mount_yaw_deg: float = 0.0,
+    faults: LogFaults | None = None,
 ) -> PosedFlight:
     """Render a flight whose frames show exactly what the map shows, in grey."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -195,5 +231,5 @@ def make_posed_flight(
     flight.frames.mkdir()
     for name, pose in zip(flight.names, poses, strict=True):
         cv2.imwrite(str(flight.frames / name), see(ground, pose, mount_yaw_deg))
-    write_log(flight.log, poses)
+    write_log(flight.log, poses, faults=faults)
     return flight

@@ -1,5 +1,6 @@
 """From a fused flight to one answer per frame."""
 
+import logging
 import math
 from collections.abc import Sequence
 
@@ -11,7 +12,7 @@ from uasthn_cli.fusion.offsets import (
     best_offset_m,
     summarise_posterior,
 )
-from uasthn_cli.geometry.camera import homography_frame_ground
+from uasthn_cli.geometry.camera import HorizonError, homography_frame_ground
 from uasthn_cli.geometry.geodesy import LocalFrame, distance_m
 from uasthn_cli.geometry.placement import Placement, place_frame, translation
 from uasthn_cli.pipeline.flight_stage import (
@@ -37,6 +38,8 @@ from uasthn_cli.types import (
     Source,
     Trust,
 )
+
+_log = logging.getLogger(__name__)
 
 _NEIGHBOURS = 4
 _METRE_GRID = MapGrid(gsd_m=1.0)
@@ -88,7 +91,10 @@ def fused_results(
     support = support_of(agreeing(survey.frames, offsets_m, local).astype(np.float64))
     answers: dict[str, Fix] = {}
     for index, (frame, look) in enumerate(zip(survey.frames, near, strict=True)):
-        if look.camera is None:
+        moved_m = offsets_m[index] - survey.offsets_m[index]
+        posed = moved_prior(survey.near_priors[index], moved_m, local)
+        placed = None if look.camera is None else _placed(look.camera, posed, local)
+        if placed is None:
             continue
         summary = summarise_posterior(
             survey.posteriors[index], survey.grid.cell_m, np.zeros(2), offsets_m[index]
@@ -96,9 +102,6 @@ def fused_results(
         agreement = Agreement(float(apart_m[index]), float(support[index]))
         uncertainty_m = frame.single.uncertainty_m if frame.single else math.nan
         trust = judge.fused(summary, covariances_m2[index], agreement, uncertainty_m)
-        moved_m = offsets_m[index] - survey.offsets_m[index]
-        posed = moved_prior(survey.near_priors[index], moved_m, local)
-        placed = place_from_geometry(look.camera, posed, local)
         reason = _reason(frame) or judge.doubt_of_fused(trust)
         answers[look.frame.name] = _fix(frame, placed, trust, reason, local)
     return [answers.get(_name(entry.result), entry.result) for entry in located]
@@ -114,6 +117,15 @@ def support_of(agrees: FloatArray) -> FloatArray:
     counted = np.convolve(np.ones(len(agrees)), kernel)[_NEIGHBOURS : _NEIGHBOURS + len(agrees)]
     total = np.convolve(agrees, kernel)[_NEIGHBOURS : _NEIGHBOURS + len(agrees)]
     return np.asarray(total / counted)
+
+
+def _placed(camera: CameraModel, prior: Prior, local: LocalFrame) -> Placement | None:
+    """Return where a frame lies; None where a corrected clock has it look above the horizon."""
+    try:
+        return place_from_geometry(camera, prior, local)
+    except HorizonError as error:
+        _log.debug("%s: %s", prior.frame.name, error)
+        return None
 
 
 def place_from_geometry(camera: CameraModel, prior: Prior, local: LocalFrame) -> Placement:
