@@ -184,7 +184,7 @@ def biased(
 
 
 @pytest.mark.parametrize(
-    ("yaw_deg", "height_factor", "mount_yaw_deg"), [(3.0, 1.04, 0.0), (-5.0, 0.96, 90.0)]
+    ("yaw_deg", "height_factor", "mount_yaw_deg"), [(3.0, 1.04, 0.0), (-4.0, 0.96, 90.0)]
 )
 def test_convention_a_wrong_heading_and_height_are_found_and_corrected(
     tmp_path: Path, yaw_deg: float, height_factor: float, mount_yaw_deg: float
