@@ -170,7 +170,7 @@ def _pair_scores(model: XcorrModel, folder: Path) -> Iterator[FrameScore]:
         crop = thermal[y_px : y_px + _CROP_PX, x_px : x_px + _CROP_PX]
         seen = np.ones(crop.shape, np.bool_)
         ortho = Ortho(crop, seen, gsd_m, np.eye(3), np.full(2, (_CROP_PX - 1) / 2))
-        found_px = probe.estimate(features, ortho, views, start_px).corners_px[0, 0, 0]
+        found_px = probe.estimate(features, ortho, views, start_px).corners_px[0, 0]
         true_px = first_px + np.array([x_px, y_px], np.float64)
         east_m, south_m = (found_px - true_px) * gsd_m
         centre_px = true_px + (_CROP_PX - 1) / 2

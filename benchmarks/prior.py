@@ -23,4 +23,4 @@ class PriorEstimator:
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
         """Return the views where the prior has them."""
-        return Estimate((views_px + origin_px)[None], 1.0)
+        return Estimate(views_px + origin_px, 1.0)

@@ -35,7 +35,7 @@ class ShiftSearch(ABC):
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
-        """Return the best shift of each view within the search radius; one iteration."""
+        """Return the best shift of each view within the search radius."""
         masks = view_masks(views_px, thermal.valid, 1)
         valid = features.valid.astype(np.float32)
         shifts = []
@@ -43,7 +43,7 @@ class ShiftSearch(ABC):
             overlap = cv2.matchTemplate(valid, mask, cv2.TM_CCORR) / max(float(mask.sum()), 1.0)
             allowed = (overlap >= MIN_OVERLAP) & within_reach(overlap.shape, origin_px)
             shifts.append(best_shift(np.where(allowed, scores, -np.inf), otherwise=origin_px))
-        return Estimate((views_px + np.stack(shifts)[:, None])[None], 1.0)
+        return Estimate(views_px + np.stack(shifts)[:, None], 1.0)
 
     @abstractmethod
     def scores(self, features: MapFeatures, thermal: Ortho, masks: ImageArray) -> list[FloatArray]:

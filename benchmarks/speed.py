@@ -30,7 +30,7 @@ STAGES = (
     *("log", "decode", "rectify", "map", "features", "search", "fuse", "write", "other"),
     "all",
 )
-"""With fusion, decode to search count both looks at a frame, fuse what the flight itself takes."""
+"""With fusion, decode to search count all looks at a frame, fuse what the flight itself takes."""
 
 UNIT = "ncc --no-fuse"
 """The run in whose search times are counted."""

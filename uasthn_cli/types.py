@@ -187,11 +187,11 @@ class MapFeatures:
 class Estimate:
     """Where an estimator saw N views of one thermal image in one map window.
 
-    ``corners_px`` ``(iterations, N, 4, 2)``: corners of each view in window pixels, the last
-    iteration being the answer. ``scores`` ``(rows, columns)`` is the first view's log-likelihood of
-    every shift (-inf where excluded): entry ``(j, i)`` puts ortho pixel (0, 0) on window pixel
-    ``(i, j) * stride_px``; None for an estimator that does not score shifts. ``confidence`` in 0..1
-    is the posterior mass near the first view's answer (1 without scores).
+    ``corners_px`` ``(N, 4, 2)``: corners of each view in window pixels. ``scores``
+    ``(rows, columns)`` is the first view's log-likelihood of every shift (-inf where excluded):
+    entry ``(j, i)`` puts ortho pixel (0, 0) on window pixel ``(i, j) * stride_px``; None for an
+    estimator that does not score shifts. ``confidence`` in 0..1 is the posterior mass near the
+    first view's answer (1 without scores).
     """
 
     corners_px: FloatArray

@@ -31,7 +31,7 @@ def shift_found(estimator: ShiftSearch, window: MapWindow, thermal: Ortho) -> ND
     views = full_view(thermal)
     origin = centred_origin(window, thermal)
     estimate = estimator.estimate(encoded(estimator, window), thermal, views, origin)
-    shifts: NDArray[np.float64] = estimate.corners_px[-1, 0] - views[0]
+    shifts: NDArray[np.float64] = estimate.corners_px[0] - views[0]
     assert np.ptp(shifts, axis=0) == pytest.approx([0.0, 0.0], abs=1e-9)
     first: NDArray[np.float64] = shifts[0]
     return first

@@ -50,7 +50,7 @@ def test_a_homography_is_found_among_wrong_matches(corners: FloatArray, seed: in
     from_px = np.concatenate([GRID, wrong[0]])
     to_px = np.concatenate([transform_points(H, GRID), wrong[1] + ORIGIN])
     estimate = located((from_px, to_px))
-    for view, found in zip(VIEWS, estimate.corners_px[-1], strict=True):
+    for view, found in zip(VIEWS, estimate.corners_px, strict=True):
         # a wrong match may by chance lie within the few pixels that count, and pull a little
         assert found == pytest.approx(transform_points(H, view), abs=0.5)
     assert estimate.confidence > 0.99
@@ -59,14 +59,14 @@ def test_a_homography_is_found_among_wrong_matches(corners: FloatArray, seed: in
 def test_every_view_goes_by_the_matches_inside_it() -> None:
     shift = np.where(GRID[:, :1] < 47.5, [[10.0, 5.0]], [[-12.0, 20.0]])
     estimate = located((GRID, GRID + ORIGIN + shift))
-    left, right = estimate.corners_px[-1, 1:] - VIEWS[1:] - ORIGIN
+    left, right = estimate.corners_px[1:] - VIEWS[1:] - ORIGIN
     assert left == pytest.approx(np.tile([10.0, 5.0], (4, 1)), abs=0.01)
     assert right == pytest.approx(np.tile([-12.0, 20.0], (4, 1)), abs=0.01)
 
 
 def test_a_view_without_matches_stays_at_the_prior() -> None:
     left_only = GRID[GRID[:, 0] < 47.5]
-    found = located((left_only, left_only + ORIGIN + 7.0)).corners_px[-1]
+    found = located((left_only, left_only + ORIGIN + 7.0)).corners_px
     assert found[1] == pytest.approx(LEFT + ORIGIN + 7.0, abs=0.01)
     assert found[2] == pytest.approx(RIGHT + ORIGIN)
 
@@ -85,7 +85,7 @@ def test_matches_beyond_the_search_radius_do_not_count() -> None:
 
 
 def test_matches_beyond_the_map_do_not_count() -> None:
-    half = located((GRID, GRID + ORIGIN + 3.0), map_ends_px=REACH_PX + 48).corners_px[-1]
+    half = located((GRID, GRID + ORIGIN + 3.0), map_ends_px=REACH_PX + 48).corners_px
     assert half[1] == pytest.approx(LEFT + ORIGIN + 3.0, abs=0.01)
     assert half[2] == pytest.approx(RIGHT + ORIGIN)
     with pytest.raises(DegenerateHomographyError):

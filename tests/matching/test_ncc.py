@@ -27,8 +27,8 @@ def shift_found(
     estimator, views = NccEstimator(channel), full_view(thermal)
     features = encoded(estimator, window)
     estimate = estimator.estimate(features, thermal, views, centred_origin(window, thermal))
-    assert estimate.corners_px.shape == (1, 1, 4, 2)
-    shifts = estimate.corners_px[-1, 0] - views[0]
+    assert estimate.corners_px.shape == (1, 4, 2)
+    shifts = estimate.corners_px[0] - views[0]
     assert np.ptp(shifts, axis=0) == pytest.approx([0.0, 0.0], abs=1e-9)
     first: NDArray[np.float64] = shifts[0]
     return first
@@ -121,7 +121,7 @@ def test_every_view_gives_its_own_answer() -> None:
     estimator = NccEstimator()
     origin = centred_origin(window, mixed)
     estimate = estimator.estimate(encoded(estimator, window), mixed, views, origin)
-    left, right = (estimate.corners_px[-1] - views)[:, 0]
+    left, right = (estimate.corners_px - views)[:, 0]
     assert left == pytest.approx(CORNER_PX, abs=0.05)
     assert right == pytest.approx((CORNER_PX[0] + 9, CORNER_PX[1] - 5), abs=0.05)
 

@@ -60,8 +60,8 @@ def test_map_features_are_zero_off_the_map() -> None:
 def test_convention_a_cut_out_is_found_where_it_was_cut(symmetries: int) -> None:
     thermal = thermal_cut(GREY, CORNER_PX, SIZE_PX)
     estimate = locate(map_window(GREY), thermal, symmetries=symmetries)
-    assert estimate.corners_px.shape[1:] == (1, 4, 2)
-    shift = estimate.corners_px[0, 0] - full_view(thermal)[0]
+    assert estimate.corners_px.shape == (1, 4, 2)
+    shift = estimate.corners_px[0] - full_view(thermal)[0]
     assert shift == pytest.approx(np.array([CORNER_PX] * 4), abs=0.3)
 
 
@@ -75,7 +75,7 @@ def test_what_the_frame_does_not_show_has_no_influence() -> None:
         thermal.nadir_px,
     )
     found = locate(map_window(GREY), thermal)
-    assert found.corners_px[0, 0, 0] == pytest.approx(CORNER_PX, abs=0.3)
+    assert found.corners_px[0, 0] == pytest.approx(CORNER_PX, abs=0.3)
     assert locate(map_window(GREY), soiled).corners_px == pytest.approx(found.corners_px, abs=1e-3)
 
 
@@ -83,14 +83,14 @@ def test_places_mostly_off_the_map_do_not_count() -> None:
     valid = np.ones(GREY.shape, np.bool_)
     valid[:, CORNER_PX[0] + 30 :] = False
     estimate = locate(map_window(GREY, valid), thermal_cut(GREY, CORNER_PX, SIZE_PX))
-    assert estimate.corners_px[0, 0, 0, 0] + SIZE_PX[0] / 2 <= CORNER_PX[0] + 30 + STRIDE_PX
+    assert estimate.corners_px[0, 0, 0] + SIZE_PX[0] / 2 <= CORNER_PX[0] + 30 + STRIDE_PX
 
 
 def test_a_frame_that_hangs_over_the_maps_edge_is_found() -> None:
     valid = np.ones(GREY.shape, np.bool_)
     valid[:, CORNER_PX[0] + 56 :] = False
     estimate = locate(map_window(GREY, valid), thermal_cut(GREY, CORNER_PX, SIZE_PX))
-    assert estimate.corners_px[0, 0, 0] == pytest.approx(CORNER_PX, abs=1.0)
+    assert estimate.corners_px[0, 0] == pytest.approx(CORNER_PX, abs=1.0)
 
 
 def test_every_view_gives_its_own_answer() -> None:
@@ -102,7 +102,7 @@ def test_every_view_gives_its_own_answer() -> None:
     views = np.concatenate([full_view(mixed)] * 2)
     views[0, [1, 3], 0] = 39.0
     views[1, [0, 2], 0] = 40.0
-    left, right = (locate(map_window(GREY), mixed, views).corners_px[0] - views)[:, 0]
+    left, right = (locate(map_window(GREY), mixed, views).corners_px - views)[:, 0]
     assert left == pytest.approx(CORNER_PX, abs=0.5)
     assert right == pytest.approx((CORNER_PX[0] + 8, CORNER_PX[1] - 6), abs=0.5)
 
@@ -129,7 +129,7 @@ def test_nothing_is_found_beyond_the_reach_of_the_window() -> None:
     reach = (GREY.shape[0] - SIZE_PX[1]) / 2
     origin = centred_origin(window, thermal)
     assert np.hypot(*(np.array(corner_px) - origin)) > reach
-    found = locate(window, thermal).corners_px[0, 0, 0]
+    found = locate(window, thermal).corners_px[0, 0]
     assert np.hypot(*(found - origin)) <= reach + STRIDE_PX
 
 

@@ -145,7 +145,7 @@ class ScriptedEstimator(NccEstimator):
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
-        return Estimate((views_px + origin_px + self.move)[None], self.confidence)
+        return Estimate(views_px + origin_px + self.move, self.confidence)
 
 
 def judged(
@@ -234,4 +234,4 @@ class OnALine(ScriptedEstimator):
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
         line = np.array([[0.0, 0.0], [10.0, 10.0], [20.0, 20.0], [30.0, 30.0]])
-        return Estimate((line + 0 * views_px + origin_px)[None], 1.0)
+        return Estimate(line + 0 * views_px + origin_px, 1.0)

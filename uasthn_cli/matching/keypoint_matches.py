@@ -48,7 +48,7 @@ def estimate_from_matches(
             confidence = match_belief(inliers, int(inside.sum()))
         if found is not None:
             corners[index] = found
-    return Estimate(corners[None], confidence)
+    return Estimate(corners, confidence)
 
 
 def match_belief(inliers: int, matches: int) -> float:

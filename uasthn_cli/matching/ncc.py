@@ -66,7 +66,7 @@ class NccEstimator:
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
-        """Return the best shift of each view inside the window; one iteration."""
+        """Return the best shift of each view inside the window."""
         template = channel_image(thermal.image, thermal.valid, self._channel)
         masks = view_masks(views_px, _trusted(thermal.valid, self._channel), 1)
         image = _centred(features.values[0].astype(np.float32), features.valid)
@@ -83,7 +83,7 @@ class NccEstimator:
             likelihoods.append(np.where(allowed, log_likelihood(scores, samples), -np.inf))
         corners = views_px + np.stack(shifts)[:, None]
         confidence = posterior_mass(likelihoods[0], shifts[0], thermal.gsd_m)
-        return Estimate(corners[None], confidence, likelihoods[0])
+        return Estimate(corners, confidence, likelihoods[0])
 
 
 def log_likelihood(correlation: FloatArray, samples: float) -> FloatArray:

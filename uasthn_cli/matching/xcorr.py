@@ -68,7 +68,7 @@ class XcorrEstimator:
     def estimate(
         self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
     ) -> Estimate:
-        """Return each view at its best shift inside the window; one iteration."""
+        """Return each view at its best shift inside the window."""
         image, valid = self._tensors(thermal)
         cells = cell_mask(valid, STRIDE_PX)[0, 0].bool().cpu().numpy()
         masks = torch.from_numpy(view_masks(views_px, cells, STRIDE_PX))[:, None].to(self._device)
@@ -83,7 +83,7 @@ class XcorrEstimator:
         shifts = np.stack([best_shift(view, otherwise=prior_shift) for view in scores])
         found = views_px + shifts[:, None] * STRIDE_PX
         confidence = posterior_mass(scores[0], shifts[0], STRIDE_PX * thermal.gsd_m)
-        return Estimate(found[None], confidence, scores[0])
+        return Estimate(found, confidence, scores[0])
 
     @torch.inference_mode()
     def fit_scores(

@@ -49,7 +49,7 @@ class FrameStage:
         try:
             look = self._looker.look(prior, self._config.crops, self._config.search_radius_m)
             spread = spread_of_views(
-                look.views_px, look.estimate.corners_px[-1], self._config.aggregation
+                look.views_px, look.estimate.corners_px, self._config.aggregation
             )
             H_ortho_window = homography_from_corners(look.views_px[0], spread.corners_px)
         except LookError as error:
