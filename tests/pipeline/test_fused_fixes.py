@@ -19,12 +19,12 @@ from uasthn_cli.types import Attitude, FrameFile, OffsetLikelihood, Prior
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=40))
-def test_support_is_the_share_of_up_to_four_neighbours_each_way_that_agree(
+def test_support_is_the_share_of_up_to_twelve_neighbours_each_way_that_agree(
     agrees: list[bool],
 ) -> None:
     found = support_of(np.array(agrees, dtype=np.float64))
     for index, share in enumerate(found):
-        near = agrees[max(0, index - 4) : index + 5]
+        near = agrees[max(0, index - 12) : index + 13]
         assert share == pytest.approx(sum(near) / len(near))
 
 
