@@ -54,7 +54,7 @@ RESIZED_WIDTH_PX = 256
 DEFAULT_SYMMETRIES = 4
 """Orientations in which xcorr sees both images: more are slower, and a little surer (1 to 8)."""
 
-DEFAULT_MAP_ERROR_M = 3.0
+DEFAULT_MAP_ERROR_M = 4.0
 """Standard deviation, per axis, of the map's own registration: part of every uncertainty."""
 
 MAP_PIXEL_ERROR = 0.6

@@ -35,7 +35,7 @@ def test_judged_are_answers_with_a_known_error() -> None:
 
 @pytest.mark.parametrize("name", list(SIGNALS))
 def test_every_signal_counts_in_its_own_direction(name: str) -> None:
-    rising = [0.1, 0.5, 0.9] if name != "confidence" else [0.9, 0.5, 0.1]
+    rising = [0.1, 0.5, 0.9] if SIGNALS[name] > 0 else [0.9, 0.5, 0.1]
     worth = trust_of(with_signals(**{name: rising})).signals[name]
     assert (worth.answers, worth.auc, worth.excess_aurc) == (3, 1.0, 0.0)
     assert worth.aurc == pytest.approx((0 + 1 / 2 + 2 / 3) / 3)

@@ -51,6 +51,7 @@ _SIGNAL_STYLES: Final[Mapping[str, Mapping[str, Any]]] = {
     "sigma_m": {"color": "#CC79A7", "linestyle": (0, (1.2, 1.2))},
     "u_m": {"color": "#E69F00", "linestyle": (0, (3, 1.5))},
     "agreement_m": {"color": "#56B4E9", "linestyle": (0, (6, 2, 1.2, 2, 1.2, 2))},
+    "support": {"color": "#F0E442", "linestyle": (0, (6, 1.5))},
 }
 _REFERENCE: Final[Mapping[str, Any]] = {"color": "#555555", "linewidth": 1.2}
 _STYLE: Final[Any] = {

@@ -40,6 +40,7 @@ class FrameRow:
     sigma_m: float = math.nan
     u_m: float = math.nan
     agreement_m: float = math.nan
+    support: float = math.nan
     risk: float = math.nan
     ce90_m: float = math.nan
     single: Self | None = None
@@ -77,6 +78,7 @@ def _answer(cells: Cells, prefix: str, where: str, single: FrameRow | None) -> F
         sigma_m=number("sigma_m"),
         u_m=number("u_m"),
         agreement_m=number("agreement_m"),
+        support=number("support"),
         risk=_probability(cells, f"{prefix}risk", where),
         ce90_m=number("ce90_m"),
         single=single,

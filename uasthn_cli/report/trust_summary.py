@@ -25,6 +25,7 @@ SIGNALS: Final[Mapping[str, float]] = {
     "sigma_m": 1.0,
     "u_m": 1.0,
     "agreement_m": 1.0,
+    "support": -1.0,
 }
 """Columns that say how far to trust an answer, and the sign that makes them grow with doubt."""
 
