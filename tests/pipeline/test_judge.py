@@ -9,10 +9,11 @@ import pytest
 from uasthn_cli.config import (
     FALLBACK_MAX_STD_M,
     FALLBACK_MIN_CONFIDENCE,
+    MIN_SUPPORT,
     DecisionConfig,
     GeotagConfig,
 )
-from uasthn_cli.fusion.offsets import PosteriorSummary
+from uasthn_cli.fusion.offsets import PosteriorSummary, ce90_of
 from uasthn_cli.pipeline.judge import Agreement, Judge
 from uasthn_cli.types import FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
@@ -75,12 +76,13 @@ def test_an_estimator_without_scores_is_judged_by_its_views() -> None:
     assert trust.covariance_m2 == pytest.approx(np.diag([5.0, 12.0]))
 
 
-def test_the_maps_own_error_is_added_before_scaling() -> None:
+def test_the_maps_own_error_is_added_and_never_scaled() -> None:
     plain = single(judge(map_error_m=3.0))
     scaled = single(judge(calibration("u_m"), map_error_m=3.0))
     assert plain.covariance_m2 == pytest.approx(np.eye(2) * (16 / 12 + 9.0))
-    assert scaled.ce90_m == pytest.approx(2.0 * plain.ce90_m)
-    assert scaled.covariance_m2 == pytest.approx(4.0 * plain.covariance_m2)
+    assert scaled.covariance_m2 == pytest.approx(np.eye(2) * (4.0 * 16 / 12 + 9.0))
+    for trust_m in (plain, scaled):
+        assert trust_m.ce90_m == pytest.approx(ce90_of(trust_m.covariance_m2))
 
 
 def test_single_and_fused_answers_have_their_own_models() -> None:
@@ -106,12 +108,23 @@ def trust(**changes: float) -> Trust:
     return replace(nothing_known, **changes)  # type: ignore[arg-type]
 
 
-def test_without_a_calibration_fused_answers_need_confidence_and_support() -> None:
+def test_without_a_calibration_fused_answers_need_confidence() -> None:
     judged = judge()
     enough, little = FALLBACK_MIN_CONFIDENCE, FALLBACK_MIN_CONFIDENCE - 0.01
-    assert judged.doubt_of_fused(trust(confidence=enough, support=enough)) is None
+    assert judged.doubt_of_fused(trust(confidence=enough, support=1.0)) is None
     assert judged.doubt_of_fused(trust(confidence=little, support=1.0)) is Reason.AMBIGUOUS
-    assert judged.doubt_of_fused(trust(confidence=1.0, support=little)) is Reason.AMBIGUOUS
+
+
+@pytest.mark.parametrize("calibrated", [None, calibration("u_m", "support")])
+@pytest.mark.parametrize("support", [MIN_SUPPORT, 0.0, math.nan])
+def test_without_a_majority_of_its_neighbours_no_fused_answer_is_trusted(
+    calibrated: Calibration | None, support: float
+) -> None:
+    judged = judge(calibrated)
+    sure = trust(confidence=1.0, risk=0.0, support=support)
+    assert judged.doubt_of_fused(sure) is Reason.UNSUPPORTED
+    assert judged.doubt_of_fused(replace(sure, support=MIN_SUPPORT + 0.01)) is None
+    assert judged.doubt_of_single(0.0, sure, 500.0) is None
 
 
 def test_the_spread_of_views_rejects_single_answers_alone() -> None:
@@ -127,7 +140,7 @@ def test_with_a_calibration_each_kind_has_its_limit() -> None:
     assert whole.fused is not None
     stricter = replace(whole, fused=replace(whole.fused, max_risk=0.1))
     judged = judge(stricter)
-    risky = trust(risk=0.2, confidence=0.0, support=0.0)
+    risky = trust(risk=0.2, confidence=0.0, support=1.0)
     assert judged.doubt_of_single(1e3, risky, 500.0) is None
     assert judged.doubt_of_fused(risky) is Reason.RISKY
     assert judged.doubt_of_fused(replace(risky, risk=0.1)) is None
