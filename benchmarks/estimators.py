@@ -83,7 +83,7 @@ def score(job: GeotagJob, flight: str, name: str, truth: Truth) -> Score:
         job = replace(job, calibration=load_bundled_calibration())
     with open_run(job, ESTIMATORS[name]()) as run:
         results = run.answers()
-        own_s = sum(run.timings.get(stage, 0.0) for stage in ("features", "search", "refine"))
+        own_s = sum(run.timings.get(stage, 0.0) for stage in ("features", "search", "fuse"))
     known = [result for result in results if _name_of(result) in truth.frames]
     ce_m = np.array([_ce_m(result, truth) for result in known])
     accepted = np.array([isinstance(result, Fix) and result.accepted for result in known])

@@ -3,7 +3,8 @@
     python benchmarks/speed.py FLIGHT_DIR --hfov 45 --search-radius M
 
 A flight is a folder with ``flight.tlog``, ``frames/`` and ``map.tif``. It is geo-tagged with the
-default estimator and with absolute NCC, each in a fresh process, so that each has its own peak.
+default estimator, frame by frame and as a whole flight, and with absolute NCC frame by frame, each
+in a fresh process, so that each has its own peak.
 """
 
 import json
@@ -11,29 +12,28 @@ import multiprocessing
 import os
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import click
-import torch
 from tables import machine_line, markdown_table, number, use_threads
 
 from uasthn_cli.commands.geotag_run import Target, geotag_to_folder
 from uasthn_cli.config import GeotagConfig
 from uasthn_cli.ingest.cameras import CameraSpec
-from uasthn_cli.matching.refine import Refiner
 from uasthn_cli.outputs.run_record import peak_memory_mib
 from uasthn_cli.pipeline import GeotagJob
 
 STAGES = (
-    *("log", "decode", "rectify", "map", "features", "search", "refine", "write", "other"),
+    *("log", "decode", "rectify", "map", "features", "search", "fuse", "write", "other"),
     "all",
 )
-RIVAL = "ncc"
+"""With fusion, decode to search count both looks at a frame, fuse what the flight itself takes."""
+
+UNIT = "ncc --no-fuse"
+"""The run in whose search times are counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,37 +45,16 @@ class Measurement:
     peak_mib: float | None
 
 
-class RefinerClock:
-    """Counts the seconds inside the refiner, which works within the estimator's search stage."""
-
-    def __init__(self) -> None:
-        """Start at nothing."""
-        self.seconds = 0.0
-        self._started_s = 0.0
-
-    def start(self, module: torch.nn.Module, *_: Any) -> None:
-        """Begin when a refiner is called."""
-        if isinstance(module, Refiner):
-            self._started_s = time.perf_counter()
-
-    def stop(self, module: torch.nn.Module, *_: Any) -> None:
-        """Stop when it returns."""
-        if isinstance(module, Refiner):
-            self.seconds += time.perf_counter() - self._started_s
-
-
 def measure(job: GeotagJob, threads: int) -> Measurement:
     """Geo-tag a flight into a folder that is thrown away; for a process of its own."""
     use_threads(threads)
-    with tempfile.TemporaryDirectory() as folder, _clocked_refiner() as clock:
+    with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         started_s = time.perf_counter()
         results = geotag_to_folder(job, Target(out))
         wall_s = time.perf_counter() - started_s
         timing = json.loads((out / "run.json").read_text(encoding="utf-8"))["timing"]
     stage_s = {name: float(entry["seconds"]) for name, entry in timing["stages"].items()}
-    stage_s["search"] -= clock.seconds
-    stage_s["refine"] = clock.seconds
     stage_s["write"] += wall_s - timing["wall_s"]
     stage_s["other"] = wall_s - sum(stage_s.values())
     stage_s["all"] = wall_s
@@ -84,10 +63,10 @@ def measure(job: GeotagJob, threads: int) -> Measurement:
 
 def as_markdown(title: str, runs: Mapping[str, Measurement], threads: int) -> str:
     """Return the table: milliseconds a frame and the ratio to NCC's search, per stage and run."""
-    unit_s = runs[RIVAL].stage_s["search"] / runs[RIVAL].frames
+    unit_s = runs[UNIT].stage_s["search"] / runs[UNIT].frames
     columns = ["stage"]
     for name in runs:
-        columns += [f"{name} ms/frame", f"× {RIVAL} search"]
+        columns += [f"{name} ms/frame", "× ncc search"]
     rows = []
     for stage in STAGES:
         cells = [stage]
@@ -120,10 +99,14 @@ def main(flight: Path, hfov: float, radius_m: float, threads: int) -> None:
         config=config,
     )
     runs = {
-        name: _in_new_process(replace(job, config=replace(config, estimator=name)), threads)
-        for name in (config.estimator, RIVAL)
+        name: _in_new_process(replace(job, config=chosen), threads)
+        for name, chosen in {
+            f"{config.estimator} --no-fuse": replace(config, fuse=False),
+            f"{config.estimator} --fuse": replace(config, fuse=True),
+            UNIT: replace(config, estimator="ncc", fuse=False),
+        }.items()
     }
-    title = f"**{flight.name}**: {runs[RIVAL].frames} frames, search radius {radius_m:g} m"
+    title = f"**{flight.name}**: {runs[UNIT].frames} frames, search radius {radius_m:g} m"
     click.echo(as_markdown(title, runs, threads), nl=False)
 
 
@@ -131,21 +114,6 @@ def _in_new_process(job: GeotagJob, threads: int) -> Measurement:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=1, mp_context=context) as executor:
         return executor.submit(measure, job, threads).result()
-
-
-@contextmanager
-def _clocked_refiner() -> Iterator[RefinerClock]:
-    """Clock every refiner that any model calls in the meantime."""
-    clock = RefinerClock()
-    hooks = (
-        torch.nn.modules.module.register_module_forward_pre_hook(clock.start),
-        torch.nn.modules.module.register_module_forward_hook(clock.stop),
-    )
-    try:
-        yield clock
-    finally:
-        for hook in hooks:
-            hook.remove()
 
 
 if __name__ == "__main__":

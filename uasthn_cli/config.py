@@ -57,6 +57,13 @@ DEFAULT_SYMMETRIES = 4
 DEFAULT_MAP_ERROR_M = 3.0
 """Standard deviation, per axis, of the map's own registration: part of every uncertainty."""
 
+MAP_PIXEL_ERROR = 0.6
+"""Standard deviation, per axis and in pixels of the map, of what shadows and shading shift.
+
+It stays the same for a whole flight, so no posterior sees it. Chosen on the rendered flights that
+the calibration in the box was made from.
+"""
+
 CROP_OFFSET_FRACTION = 32 / 512
 """o_c / W_T of the paper."""
 
@@ -71,8 +78,8 @@ class CropTtaConfig:
     seed: int = 0
 
 
-MIN_SUPPORT = 0.5
-"""A fused answer needs more than this share of near frames that alone agree with it: a majority.
+MIN_SUPPORT = 0.6
+"""A fused answer needs more than this share of near frames that alone agree with it.
 
 Over maps of other places, fusion settles somewhere too, and can be sure of it; frames alone then
 agree only by chance.
@@ -132,13 +139,11 @@ class GeotagConfig:
 class TrainingDefaults:
     """Length, pace and data of one ``uasthn train`` run.
 
-    The encoders take ``steps``, then the refiner ``refine_steps``. A batch is ``windows`` pieces
-    of map with ``canvases`` thermal views each; ``sand_share`` of the
+    A batch is ``windows`` pieces of map with ``canvases`` thermal views each; ``sand_share`` of the
     windows show rendered sand, ``landscape_share`` rendered landscapes.
     """
 
     steps: int = 6000
-    refine_steps: int = 600
     learning_rate: float = 2e-3
     windows: int = 8
     canvases: int = 4

@@ -23,7 +23,7 @@ from uasthn_cli.training import loop, run
 from uasthn_cli.training.run import Report, TrainingJob, TrainingRun
 
 TINY: tuple[object, ...] = (
-    *("--steps", 4, "--refine-steps", 0, "--windows", 2, "--canvases", 1),
+    *("--steps", 4, "--windows", 2, "--canvases", 1),
     *("--workers", 0, "--checkpoint-every", 2, "--precision", "float32"),
 )
 IMAGERY_ONLY = ("--sand-share", 0, "--landscape-share", 0)

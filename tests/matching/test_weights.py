@@ -90,8 +90,11 @@ def test_a_damaged_file_is_refused(
         load_xcorr(path)
 
 
-def test_somebody_elses_safetensors_are_refused(path: Path) -> None:
-    path.write_bytes(save({"layer.weight": torch.zeros(3, 3)}))
+@pytest.mark.parametrize("metadata", [None, {"format": "uasthn-xcorr-1"}])
+def test_safetensors_of_another_format_are_refused(
+    metadata: dict[str, str] | None, path: Path
+) -> None:
+    path.write_bytes(save({"layer.weight": torch.zeros(3, 3)}, metadata))
     with pytest.raises(WeightsError, match="not for the xcorr estimator"):
         load_xcorr(path)
 
@@ -111,7 +114,7 @@ def test_somebody_elses_safetensors_are_refused(path: Path) -> None:
 def test_weights_of_another_architecture_are_refused(
     stated: str | None, model: XcorrModel, path: Path
 ) -> None:
-    metadata = {"format": "uasthn-xcorr-1"}
+    metadata = {"format": "uasthn-xcorr-2"}
     metadata |= {} if stated is None else {"architecture": stated}
     path.write_bytes(save(dict(model.state_dict()), metadata))
     with pytest.raises(WeightsError, match="do not fit their stated architecture"):
@@ -122,7 +125,7 @@ def test_a_missing_tensor_is_noticed(model: XcorrModel, path: Path) -> None:
     tensors = dict(model.state_dict())
     del tensors["thermal_encoder.head.weight"]
     metadata = {
-        "format": "uasthn-xcorr-1",
+        "format": "uasthn-xcorr-2",
         "architecture": json.dumps(ARCHITECTURE.as_metadata()),
     }
     path.write_bytes(save(tensors, metadata))

@@ -23,7 +23,6 @@ from uasthn_cli.training.export import (
     export,
 )
 from uasthn_cli.training.loop import Validation
-from uasthn_cli.training.refine_loop import RefineProgress
 from uasthn_cli.training.samples import SampleConfig
 from uasthn_cli.training.scenes import ImageSource, RenderedShares
 from uasthn_cli.training.trainee import InitialWeights
@@ -35,7 +34,6 @@ STORY = TrainingStory(
     threads=2,
     changes=("from step 100: steps 123 instead of 110",),
     validation=Validation(1.234, 0.9375),
-    refinement=RefineProgress(600, 12.3, 2.5, 0.75),
     licence_note="public domain",
     command_line="uasthn train --images 'maps/*.tif=1.5'",
 )
@@ -95,7 +93,6 @@ def test_the_card_tells_the_story(paths: OutputPaths, model: XcorrModel) -> None
         "uasthn train --images 'maps/*.tif=1.5'",
         "| median error of the search | 1.23 px |",
         "| searches within 4 px | 93.8% |",
-        "| corner error in training, refined | 2.50 px to 0.75 px |",
         "| widths of an encoder's four levels | 4, 4, 4, 4 |",
         f"| parameters | {count:,} |",
     ):
@@ -108,14 +105,12 @@ def test_the_card_says_what_was_other_than_usual(paths: OutputPaths, model: Xcor
     story = replace(
         STORY,
         config=tiny_config(samples=samples),
-        refinement=None,
         initial=InitialWeights("other.safetensors", "ab" * 32, model),
     )
     export(paths, model, story)
     card = paths.card.read_text("utf-8").splitlines()
     assert f"| started from | `other.safetensors`, SHA-256 {'ab' * 32} |" in card
     assert "| engine without | relief, map-appearance |" in card
-    assert "| refiner | as it was |" in card
 
 
 def test_the_card_says_what_is_lacking(paths: OutputPaths, model: XcorrModel) -> None:
@@ -125,7 +120,6 @@ def test_the_card_says_what_is_lacking(paths: OutputPaths, model: XcorrModel) ->
         sources=(),
         rendered=RenderedShares(1.0, 0.0),
         changes=(),
-        refinement=None,
         licence_note=None,
         command_line=None,
     )
@@ -133,7 +127,6 @@ def test_the_card_says_what_is_lacking(paths: OutputPaths, model: XcorrModel) ->
     card = paths.card.read_text("utf-8")
     assert "overhead imagery" not in card
     assert "Licence note: none was given." in card
-    assert "| refiner | not trained |" in card
     assert "Changed" not in card
     assert "```" not in card
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import pandas as pd
 import pytest
-import torch
 from tiny_training import tiny_config, write_photo
 
 from uasthn_cli.errors import OutputError, TrainingDataError
@@ -37,7 +36,6 @@ def job(photos: Path, tmp_path: Path) -> TrainingJob:
         images=((str(photos / "*.png"), 1.0),),
         rendered=RenderedShares(0.0, 0.0),
         config=tiny_config(),
-        refine_steps=0,
         validate_every=2,
         licence_note="made up",
     )
@@ -46,8 +44,6 @@ def job(photos: Path, tmp_path: Path) -> TrainingJob:
 def finish(job: TrainingJob) -> TrainingRun:
     run = TrainingRun(job)
     for _ in run.train(lambda _: None):
-        pass
-    for _ in run.refine():
         pass
     run.export()
     return run
@@ -124,17 +120,6 @@ def test_validation_is_due_at_intervals_and_at_the_end(job: TrainingJob) -> None
         False,
         True,
     ]
-
-
-def test_the_refiner_is_trained_after_the_encoders_and_leaves_them_alone(job: TrainingJob) -> None:
-    without = finish(job)
-    plain = load_xcorr(without.paths.weights).model.state_dict()
-    run = finish(replace(job, refine_steps=2, overwrite=True))
-    refined = load_xcorr(run.paths.weights).model.state_dict()
-    moved = {name for name in plain if not torch.equal(plain[name], refined[name])}
-    assert moved
-    assert all(name.startswith("refiner.") for name in moved)
-    assert "corner error in training" in run.paths.card.read_text("utf-8")
 
 
 def test_finished_weights_are_not_replaced_unasked(job: TrainingJob) -> None:

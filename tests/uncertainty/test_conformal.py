@@ -112,10 +112,18 @@ def test_the_sequence_begins_where_success_is_likeliest_and_ends_at_the_worst_se
     rng = np.random.default_rng(2)
     risks = rng.random(500)
     is_error = rng.random(500) < np.where(risks < 0.6, 0.01, 0.5)
-    sequence = threshold_sequence(risks, is_error, 0.05)
-    assert 0.5 < sequence[0] < 0.65
-    assert sequence[-1] == risks.max()
+    sequence = threshold_sequence(0.3 * risks, is_error, 0.075)
+    assert 0.15 < sequence[0] < 0.195
+    assert sequence[-1] == 0.3 * risks.max()
     assert (np.diff(sequence) > 0).all()
+
+
+def test_no_threshold_accepts_what_says_itself_that_it_is_far_too_risky() -> None:
+    rng = np.random.default_rng(2)
+    risks = 0.3 * rng.random(500)
+    is_error = rng.random(500) < 0.001
+    assert threshold_sequence(risks, is_error, 0.05)[-1] <= 4 * 0.05
+    assert len(threshold_sequence(0.5 + risks, is_error, 0.05)) == 1
 
 
 @given(count=st.integers(9, 200), seed=st.integers(0, 1000))

@@ -12,7 +12,7 @@ import pandas as pd
 
 from uasthn_cli.calibration.answers import Answers, RunAnswers, joined
 from uasthn_cli.errors import CalibrationError, ResultsError
-from uasthn_cli.fusion.offsets import ce90_of
+from uasthn_cli.fusion.offsets import ce90_of, map_variance_m2
 from uasthn_cli.report.load import load_run
 from uasthn_cli.types import BoolArray, FloatArray, Reason
 from uasthn_cli.uncertainty.risk_model import SIGNALS
@@ -130,11 +130,14 @@ class _Table:
         return np.sqrt(np.maximum(beyond_map2, 0.0)) / self._applied_ce90_scale(kind)
 
     def _map_ce90_m(self) -> float:
-        """Return the 90 % radius of the map's own error that the run allowed for."""
+        """Return the 90 % radius of what the map leaves open, which the run allowed for."""
+        notes = self._record.get("notes")
+        pixel_m = notes.get("map_pixel_m") if isinstance(notes, dict) else None
         arguments = self._record.get("arguments")
         config = arguments.get("config") if isinstance(arguments, dict) else None
         map_error_m = config.get("map_error_m") if isinstance(config, dict) else None
-        return ce90_of(np.eye(2) * float(map_error_m or 0.0) ** 2)
+        variance_m2 = map_variance_m2(float(map_error_m or 0.0), float(pixel_m or 0.0))
+        return ce90_of(np.eye(2) * variance_m2)
 
     def _applied_ce90_scale(self, kind: str) -> float:
         """Return what ``ce90_m`` was multiplied by already: the scale of the run's calibration."""

@@ -81,15 +81,16 @@ def judge(answers: Answers, settings: CalibrationSettings) -> tuple[Judgement, R
         CalibrationError: there are too few frames to fit anything to.
     """
     fitted_on, certified_on = answers.thinned(settings.thin).halves(settings.seed)
-    candidates = fitted_on.rows(fitted_on.acceptable)
-    if not len(candidates) or not len(certified_on):
+    # rejected whatever their risk, frames still teach what being wrong looks like
+    candidates = fitted_on.rows(np.isfinite(fitted_on.error_m))
+    if not fitted_on.acceptable.any() or not len(certified_on):
         raise CalibrationError(
             f"{len(answers)} frames, of which {int(answers.acceptable.sum())} have an answer that"
             " truth judges: too few to fit a model on one half and certify it on the other"
         )
     is_error = candidates.is_error(settings.tolerance_m)
     model = fit_risk_model(candidates.signals, is_error)
-    fit_risks = model.risks(candidates.signals)
+    fit_risks = acceptance_risks(model, candidates)
     known = fit_risks < 1.0
     risks = acceptance_risks(model, certified_on)
     outcome = certify(

@@ -80,14 +80,6 @@ data_option = section_option("Data")
 )
 @training_options
 @training_option(
-    "--refine-steps",
-    type=click.IntRange(min=0),
-    default=_DEFAULTS.refine_steps,
-    show_default=True,
-    metavar="N",
-    help="Batches that the refiner learns from, after the encoders.",
-)
-@training_option(
     "--validate-every",
     type=click.IntRange(min=1),
     default=_DEFAULTS.validate_every,
@@ -115,7 +107,6 @@ def train(
     sand_share: float,
     landscape_share: float | None,
     licence_note: str | None,
-    refine_steps: int,
     validate_every: int,
     init: Path | None,
     out: Path,
@@ -143,7 +134,6 @@ def train(
             images=images,
             rendered=_rendered_shares(sand_share, landscape_share, bool(images)),
             config=config,
-            refine_steps=refine_steps,
             validate_every=validate_every,
             overwrite=overwrite,
             licence_note=licence_note,
@@ -154,7 +144,6 @@ def train(
     _say_start(run, config.steps)
     try:
         _train(run, config.steps)
-        _refine(run, refine_steps)
     except KeyboardInterrupt as interrupt:
         raise RunInterruptedError(_interrupted(run, config.steps)) from interrupt
     say(f"{_validated(run.export())}; weights are in {out}, their model card in {run.paths.card}")
@@ -214,18 +203,6 @@ def _train(run: "TrainingRun", steps: int) -> None:
     with progress("training", steps, done=run.saved_step, plain_lines=False) as advance:
         for report in run.train(on_step=advance):
             say(_report_line(report, steps))
-
-
-def _refine(run: "TrainingRun", steps: int) -> None:
-    if steps == 0:
-        return
-    with progress("training the refiner", steps, plain_lines=False) as advance:
-        for report in run.refine():
-            advance(report.step)
-            say(
-                f"refiner, step {report.step} of {steps}: corner error {report.before_px:.2f} px,"
-                f" refined {report.after_px:.2f} px"
-            )
 
 
 def _report_line(report: "Report", steps: int) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from uasthn_cli.config import MAP_PIXEL_ERROR
 from uasthn_cli.types import FloatArray, OffsetLikelihood
 
 TOLERANCE_M = 25.0
@@ -150,6 +151,11 @@ def summarise_posterior(
         sigma_m=math.sqrt(float((posterior * distance2).sum()) / 2.0),
         covariance_m2=covariance + np.eye(2) * cell_m**2 / 12.0,
     )
+
+
+def map_variance_m2(map_error_m: float, map_pixel_m: float) -> float:
+    """Return the variance per axis that no frame can take away: registration, and the pixels."""
+    return map_error_m**2 + (MAP_PIXEL_ERROR * map_pixel_m) ** 2
 
 
 def ce90_of(covariance_m2: FloatArray) -> float:

@@ -7,7 +7,6 @@ import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
 from torch import Tensor, nn
 
 from uasthn_cli.matching.normalise import satellite_input, thermal_input
-from uasthn_cli.matching.refine import Refiner
 
 STRIDE_PX = 2
 """Image pixels per feature cell."""
@@ -95,9 +94,9 @@ class Encoder(nn.Module):
 
 
 class XcorrModel(nn.Module):
-    """Encoders of map and thermal image into one feature space, and what reads it.
+    """Encoders of map and thermal image into one feature space.
 
-    ``log_temperature`` sharpens the search's posterior, ``refiner`` improves its corners.
+    ``log_temperature`` sharpens the search's posterior.
     """
 
     def __init__(self, architecture: XcorrArchitecture | None = None) -> None:
@@ -107,7 +106,6 @@ class XcorrModel(nn.Module):
         self.satellite_encoder = Encoder(6, self.architecture)
         self.thermal_encoder = Encoder(2, self.architecture)
         self.log_temperature = nn.Parameter(torch.tensor(3.0))
-        self.refiner = Refiner()
 
     def encode_satellite(
         self, rgb: Tensor, valid: Tensor, mean: Tensor, deviation: Tensor

@@ -17,7 +17,7 @@ BUNDLED_ENSEMBLE = (
     BUNDLED_XCORR.with_name("xcorr-2.safetensors"),
     BUNDLED_XCORR.with_name("xcorr-3.safetensors"),
 )
-_FORMAT = "uasthn-xcorr-1"
+_FORMAT = "uasthn-xcorr-2"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,9 @@ def load_xcorr(path: Path) -> LoadedXcorr:
     except (SafetensorError, OSError) as error:
         raise WeightsError(f"{path}: not a readable safetensors file ({error})") from error
     if metadata.get("format") != _FORMAT:
-        raise WeightsError(f"{path}: these weights are not for the xcorr estimator")
+        raise WeightsError(
+            f"{path}: these weights are not for the xcorr estimator of this version ({_FORMAT})"
+        )
     try:
         stored = json.loads(metadata["architecture"])
         w1, w2, w3, w4 = stored["widths"]

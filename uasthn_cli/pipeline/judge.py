@@ -6,7 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from uasthn_cli.config import MIN_SUPPORT, GeotagConfig
-from uasthn_cli.fusion.offsets import PosteriorSummary, ce90_of, posterior_of, summarise_posterior
+from uasthn_cli.fusion.offsets import (
+    PosteriorSummary,
+    ce90_of,
+    map_variance_m2,
+    posterior_of,
+    summarise_posterior,
+)
 from uasthn_cli.types import FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
 from uasthn_cli.uncertainty.decide import doubt
@@ -26,9 +32,12 @@ ALONE = Agreement(math.nan, math.nan)
 class Judge:
     """Judges answers by a calibration, or by plain limits where there is none."""
 
-    def __init__(self, config: GeotagConfig, calibration: Calibration | None) -> None:
-        """Keep limits and calibration."""
+    def __init__(
+        self, config: GeotagConfig, calibration: Calibration | None, map_pixel_m: float
+    ) -> None:
+        """Keep limits, calibration, and what the map leaves open whatever is found on it."""
         self._config = config
+        self._map_variance_m2 = map_variance_m2(config.map_error_m, map_pixel_m)
         self._single = None if calibration is None else calibration.single
         self._fused = None if calibration is None else calibration.fused or calibration.single
 
@@ -101,7 +110,7 @@ class Judge:
         agreement: Agreement,
     ) -> Trust:
         scale = 1.0 if judgement is None else judgement.ce90_scale
-        covariance_m2 = covariance_m2 * scale**2 + np.eye(2) * self._config.map_error_m**2
+        covariance_m2 = covariance_m2 * scale**2 + np.eye(2) * self._map_variance_m2
         return Trust(
             confidence=summary.confidence,
             entropy_nats=summary.entropy_nats,

@@ -79,13 +79,15 @@ class Run:
         rebuild: RebuildPriors,
         lookers: tuple[Looker, Looker],
         map_crs: str,
+        map_pixel_m: float,
         timer: StageTimer,
     ) -> None:
         """Wire the stages together; ``lookers`` see the wide search and what is near."""
         self.priors, self.map_crs, self._timer = priors, map_crs, timer
         self.camera, self._fuses = job.camera, job.config.fuse
         self._wide, self._near = lookers
-        self._judge = Judge(job.config, job.calibration)
+        self._judge = Judge(job.config, job.calibration, map_pixel_m)
+        self._map_pixel_m = map_pixel_m
         self._stage = FrameStage(self._wide, self._judge, job.config)
         self._flight = FlightStage(self._wide, self._near, self._stage.offset_grid, rebuild)
 
@@ -154,6 +156,7 @@ class Run:
             "frame_times": self.priors.frame_times.why,
             "height_source": self.priors.height_source,
             "estimator": self._wide.estimator.name,
+            "map_pixel_m": round(self._map_pixel_m, 6),
             "map_gsd_m": round(self._wide.grid.gsd_m, 6),
             "near_map_gsd_m": round(self._near.grid.gsd_m, 6),
             "local_origin": {"lat": self._wide.local.lat_deg, "lon": self._wide.local.lon_deg},
@@ -184,7 +187,8 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
     positions = np.array([(prior.lat_deg, prior.lon_deg) for prior in located])
     local = LocalFrame(*np.median(positions, axis=0))
     with ExitStack() as stack:
-        wide_m, near_m = _choose_gsds_m(job, located, local)
+        native_m = native_gsd_m(job.map_path, local)
+        wide_m, near_m = _choose_gsds_m(job, located, native_m)
         wide_map = stack.enter_context(MapReader(job.map_path, local, wide_m))
         wide_map.require_overlap(positions, job.config.search_radius_m)
         wide = _looker(job, wide_map, estimator or _open_estimator(job), local, timer)
@@ -194,7 +198,8 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
             again = estimator or _open_estimator(job, symmetries=1)
             near = _looker(job, near_map, again, local, timer)
         rebuild = partial(_rebuilt_priors, telemetry, frames, job, priors)
-        yield Run(job, priors, rebuild, (wide, near), wide_map.place.crs_wkt, timer)
+        crs = wide_map.place.crs_wkt
+        yield Run(job, priors, rebuild, (wide, near), crs, native_m, timer)
 
 
 def _open_estimator(job: GeotagJob, symmetries: int | None = None) -> Estimator:
@@ -237,7 +242,7 @@ def _rebuilt_priors(
     return {entry.frame.name: entry for entry in rebuilt.results if isinstance(entry, Prior)}
 
 
-def _choose_gsds_m(job: GeotagJob, priors: list[Prior], local: LocalFrame) -> tuple[float, float]:
+def _choose_gsds_m(job: GeotagJob, priors: list[Prior], native_m: float) -> tuple[float, float]:
     """Return the GSD of the search and of the second look.
 
     The search sees a frame about 96 px wide, at most twice as fine as the map's own pixels
@@ -247,7 +252,6 @@ def _choose_gsds_m(job: GeotagJob, priors: list[Prior], local: LocalFrame) -> tu
     camera = _first_camera(job, priors)
     height_m = float(np.median([prior.height_above_ground_m for prior in priors]))
     footprint_m = height_m * camera.width_px / camera.focal_x_px
-    native_m = native_gsd_m(job.map_path, local)
     wide_m = max(native_m / MAX_MAP_ENLARGEMENT, footprint_m / THERMAL_WIDTH_PX)
     near_m = max(native_m, footprint_m / NEAR_WIDTH_PX)
     return job.config.gsd_m or wide_m, near_m

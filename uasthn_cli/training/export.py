@@ -11,7 +11,6 @@ from uasthn_cli.matching.networks import XcorrModel
 from uasthn_cli.matching.weights import serialise_xcorr
 from uasthn_cli.outputs import atomic
 from uasthn_cli.training.loop import Validation
-from uasthn_cli.training.refine_loop import RefineProgress
 from uasthn_cli.training.scenes import ImageSource, RenderedShares
 from uasthn_cli.training.trainee import InitialWeights, TrainingConfig
 
@@ -84,7 +83,6 @@ class TrainingStory:
     threads: int
     changes: Sequence[str]
     validation: Validation
-    refinement: RefineProgress | None
     licence_note: str | None
     command_line: str | None
     initial: InitialWeights | None = None
@@ -125,7 +123,7 @@ def _card(name: str, model: XcorrModel, story: TrainingStory) -> Iterator[str]:
         f"# {name}",
         "",
         "Weights of the `xcorr` estimator of uasthn: two encoders that turn a satellite map and",
-        "a thermal frame into features that look alike, and a refiner of corners found with them.",
+        "a thermal frame into features that look alike.",
         "",
         "## Training data",
         "",
@@ -194,11 +192,6 @@ def _validation(story: TrainingStory) -> Iterator[str]:
     yield from ("", "| figure | value |", "|---|---|")
     yield f"| median error of the search | {story.validation.median_error_px:.2f} px |"
     yield f"| searches within 4 px | {story.validation.within_4_px:.1%} |"
-    if story.refinement is None:
-        yield f"| refiner | {'not trained' if story.initial is None else 'as it was'} |"
-    else:
-        before, after = story.refinement.before_px, story.refinement.after_px
-        yield f"| corner error in training, refined | {before:.2f} px to {after:.2f} px |"
 
 
 def _network(model: XcorrModel) -> Iterator[str]:

@@ -23,7 +23,6 @@ from uasthn_cli.training.trainee import (
     TrainingConfig,
     open_trainee,
     save_trainee,
-    trained_parameters,
 )
 
 _WARM_UP_STEPS = 100
@@ -162,7 +161,7 @@ def _step(
         )
     trainee.optimiser.zero_grad(set_to_none=True)
     loss.backward()  # type: ignore[no-untyped-call]
-    nn.utils.clip_grad_norm_(trained_parameters(trainee.model), config.gradient_clip)
+    nn.utils.clip_grad_norm_(trainee.model.parameters(), config.gradient_clip)
     trainee.optimiser.step()
     return float(loss.item()), error.flatten().cpu().numpy()
 

@@ -8,7 +8,6 @@ import torch
 
 from uasthn_cli.training.export import OutputPaths, TrainingStory, export
 from uasthn_cli.training.loop import Progress, Validation, train_steps, validate
-from uasthn_cli.training.refine_loop import RefineConfig, RefineProgress, train_refiner
 from uasthn_cli.training.scenes import RenderedShares, load_scenes
 from uasthn_cli.training.trainee import TrainingConfig, open_trainee, read_initial_weights
 from uasthn_cli.training.training_log import TrainingLog
@@ -18,16 +17,15 @@ from uasthn_cli.training.training_log import TrainingLog
 class TrainingJob:
     """What to train on, how, and where the weights go.
 
-    ``images`` are glob patterns with weights. The refiner is trained after the encoders, for
-    ``refine_steps``; ``licence_note`` and ``command_line`` go into the model card as they are.
-    With ``initial_weights`` the network starts from that file and has its architecture.
+    ``images`` are glob patterns with weights; ``licence_note`` and ``command_line`` go into the
+    model card as they are. With ``initial_weights`` the network starts from that file and has its
+    architecture.
     """
 
     out: Path
     images: tuple[tuple[str, float], ...]
     rendered: RenderedShares
     config: TrainingConfig
-    refine_steps: int
     validate_every: int
     overwrite: bool = False
     licence_note: str | None = None
@@ -44,7 +42,7 @@ class Report:
 
 
 class TrainingRun:
-    """Call :meth:`train`, :meth:`refine` and :meth:`export`, in this order, each to its end."""
+    """Call :meth:`train`, to its end, and then :meth:`export`."""
 
     def __init__(self, job: TrainingJob) -> None:
         """Check the output, read the images, and take up the checkpoint if there is one.
@@ -69,7 +67,6 @@ class TrainingRun:
         self._log = TrainingLog(self.paths.log, self._trainee.step)
         self.saved_step = self._trainee.step
         self._validation: Validation | None = None
-        self._refinement: RefineProgress | None = None
 
     @property
     def changes(self) -> list[str]:
@@ -96,22 +93,6 @@ class TrainingRun:
             yield Report(progress, self._validation)
             before = progress.step
 
-    def refine(self) -> Iterator[RefineProgress]:
-        """Train the refiner on the finished encoders; if interrupted, it starts anew."""
-        config = self._job.config
-        refine_config = RefineConfig(
-            steps=self._job.refine_steps,
-            seed=config.seed,
-            device=config.device,
-            bfloat16=config.bfloat16,
-            workers=config.workers,
-            samples=replace(RefineConfig().samples, engine=config.samples.engine),
-        )
-        if refine_config.steps > 0:
-            for progress in train_refiner(self._trainee.model, self._scenes, refine_config):
-                self._refinement = progress
-                yield progress
-
     def export(self) -> Validation:
         """Write weights and model card; return the encoders' last validation.
 
@@ -126,7 +107,6 @@ class TrainingRun:
             threads=torch.get_num_threads(),
             changes=self.changes,
             validation=validation,
-            refinement=self._refinement,
             licence_note=self._job.licence_note,
             command_line=self._job.command_line,
             initial=self._initial,

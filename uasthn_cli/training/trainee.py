@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import nn
 
 from uasthn_cli.config import TrainingDefaults
 from uasthn_cli.errors import TrainingDataError
@@ -26,8 +25,6 @@ from uasthn_cli.training.samples import SampleConfig
 _log = logging.getLogger(__name__)
 
 _DEFAULTS = TrainingDefaults()
-_LATER_PARTS = "refiner."
-"""Parts of the model that are trained afterwards, on top of finished encoders."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +100,11 @@ def open_trainee(
     if initial is not None:
         model.load_state_dict(initial.model.state_dict())
     model.to(config.device)
-    parameters = trained_parameters(model)
-    for parameter in parameters:  # oneDNN trains several times faster in this layout
+    for parameter in model.parameters():  # oneDNN trains several times faster in this layout
         if parameter.ndim == 4:
             parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(
-        parameters, lr=config.learning_rate, weight_decay=config.weight_decay
+        model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
     )
     begun_from = initial.sha256 if initial is not None else ""
     settings = {**asdict(config), "data": data, "initial": begun_from, "changes": []}
@@ -130,11 +126,6 @@ def save_trainee(trainee: Trainee, path: Path) -> None:
     save_checkpoint(path, state)
 
 
-def trained_parameters(model: XcorrModel) -> list[nn.Parameter]:
-    """Return what the search's loss depends on."""
-    return [p for name, p in model.named_parameters() if not name.startswith(_LATER_PARTS)]
-
-
 def _resume(trainee: Trainee, path: Path) -> None:
     """Take over model, optimiser, step and history of a checkpoint."""
     state = load_checkpoint(path)
@@ -144,12 +135,10 @@ def _resume(trainee: Trainee, path: Path) -> None:
             f"{path}: already at step {state.step}; give --steps of at least that, or another --out"
         )
     try:
-        missing, unknown = trainee.model.load_state_dict(state.model, strict=False)
+        trainee.model.load_state_dict(state.model)
         trainee.optimiser.load_state_dict(state.optimiser)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise TrainingDataError(f"{path}: of another architecture; choose another --out") from error
-    if unknown or not all(name.startswith(_LATER_PARTS) for name in missing):
-        raise TrainingDataError(f"{path}: of another architecture; choose another --out")
     trainee.step = state.step
     trainee.settings["changes"] = changes_on_resume(state.step, state.settings, trainee.settings)
     _log.info("%s: going on from step %d", path, state.step)

@@ -7,11 +7,14 @@ count are then smaller than those seen; see ``docs/calibration.md`` for what to 
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.special import bdtr, betaincinv
 
 from uasthn_cli.types import BoolArray, FloatArray
+
+LARGEST_MULTIPLE: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +79,14 @@ def threshold_sequence(
     They are quantiles of ``risks`` ``(n,)``, beginning with the one for which the p-value of these
     frames is least: a sequence ends at its first failure, so it must begin where success is
     likeliest, not where hardly anything is accepted. The last one accepts all of these frames, and
-    nothing that looks worse than any of them.
+    nothing that looks worse than any of them; and none accepts what by its own account is more than
+    ``LARGEST_MULTIPLE`` times as risky as accepted frames may be on average: that only hides among
+    many good ones, and the next flight may have fewer of these.
     """
     shares = np.linspace(1 / steps, 1.0, steps)
     thresholds = np.unique(np.quantile(risks, shares, method="higher"))
+    modest = thresholds[thresholds <= LARGEST_MULTIPLE * target_risk]
+    thresholds = modest if modest.size else thresholds[:1]
     p_values = [
         binomial_p_value(errors, accepted, target_risk)
         for accepted, errors in (_counts(risks, is_error, float(limit)) for limit in thresholds)
