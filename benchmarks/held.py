@@ -76,10 +76,15 @@ class ProbedXcorr(XcorrEstimator):
         self.box = GridBox(0, 0, 0, 0)
 
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
         """Return the search's answer, and remember the scores of all allowed shifts."""
-        estimate = super().estimate(features, thermal, views_px, origin_px)
+        estimate = super().estimate(features, thermal, views_px, origin_px, evidence)
         if estimate.scores is not None:
             self.scores = estimate.scores
         self.box, self.centre_px = features.box, _frame_centre_px(thermal, views_px)

@@ -54,7 +54,12 @@ class KeypointEstimator:
         return (window.image @ _LUMA)[None]
 
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
         """Return each view's corners by its own homography from ortho to window.
 

@@ -20,7 +20,12 @@ class PriorEstimator:
         return np.zeros((1, *window.valid.shape), np.float32)
 
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
         """Return the views where the prior has them."""
         return Estimate(views_px + origin_px, 1.0)

@@ -33,7 +33,12 @@ class ShiftSearch(ABC):
         return (window.image @ _LUMA)[None]
 
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
         """Return the best shift of each view within the search radius."""
         masks = view_masks(views_px, thermal.valid, 1)

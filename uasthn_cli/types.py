@@ -233,11 +233,19 @@ class Estimator(Protocol):
         """Return map features ``(channels, h / stride, w / stride)`` of a window."""
 
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
         """Locate views ``(N, 4, 2)`` (corners in ortho pixels) of ``thermal`` in the window.
 
         ``origin_px`` ``(2,)`` is the window pixel where the prior puts ortho pixel (0, 0).
+        ``evidence`` ``(rows, columns)`` is what else is known of every shift, a log-likelihood on
+        the lattice of :attr:`Estimate.scores`; it counts for every view. An estimator that does
+        not score shifts leaves it aside.
         """
 
 

@@ -17,6 +17,7 @@ from uasthn_cli.fusion.offsets import (
     grid_of_radius,
     offset_likelihood,
     posterior_of,
+    scores_elsewhere,
     summarise_posterior,
 )
 from uasthn_cli.types import FloatArray, OffsetLikelihood
@@ -248,3 +249,34 @@ def test_ce90_holds_nine_tenths_of_normal_errors() -> None:
         share = float((errors_m <= ce90_of(covariance_m2)).mean())
         assert share == pytest.approx(0.9, abs=0.01)
     assert ce90_of(np.eye(2)) == pytest.approx(2.1460, abs=1e-4)
+
+
+@given(
+    place_m=st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0)),
+    pitch_m=st.floats(0.8, 2.0),
+    onto_m=st.floats(1.0, 3.0),
+)
+def test_convention_scores_keep_their_ground_on_another_lattice(
+    place_m: tuple[float, float], pitch_m: float, onto_m: float
+) -> None:
+    placement, onto = placed(pitch_m, (50.0, 33.0)), placed(onto_m, (31.5, 27.25))
+    column, row = (placement.prior_m + place_m) / pitch_m
+    scores = peak_at(float(column), float(row), sharpness=0.05 * pitch_m**2)
+    elsewhere = scores_elsewhere(scores, placement, onto, (50, 70))
+    assert elsewhere.shape == (50, 70)
+    at_row, at_column = np.unravel_index(int(elsewhere.argmax()), elsewhere.shape)
+    found_m = np.array([at_column, at_row]) * onto_m - onto.prior_m
+    assert found_m == pytest.approx(np.array(place_m), abs=onto_m / 2 + pitch_m)
+
+
+def test_where_nothing_was_seen_scores_elsewhere_are_neutral() -> None:
+    scores = peak_at(50.0, 33.0)
+    scores[:, :20] = -np.inf
+    lattice = placed(1.0, (50.0, 33.0))
+    elsewhere = scores_elsewhere(scores, lattice, lattice, scores.shape)
+    seen = np.isfinite(scores)
+    assert np.isfinite(elsewhere).all()
+    assert elsewhere[~seen] == pytest.approx(np.log(np.exp(scores[seen]).mean()), abs=1e-3)
+    nothing = scores_elsewhere(np.full((4, 5), -np.inf), lattice, lattice, (3, 7))
+    assert not nothing.any()
+    assert nothing.shape == (3, 7)

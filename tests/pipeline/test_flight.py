@@ -271,9 +271,16 @@ class Mute(NccEstimator):
     name = "mute"
 
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
-        return replace(super().estimate(features, thermal, views_px, origin_px), scores=None)
+        return replace(
+            super().estimate(features, thermal, views_px, origin_px, evidence), scores=None
+        )
 
 
 def test_an_estimator_without_scores_has_no_flight(flight: PosedFlight) -> None:

@@ -143,7 +143,12 @@ class ScriptedEstimator(NccEstimator):
         return np.zeros((1, *window.valid.shape), np.float32)
 
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
         return Estimate(views_px + origin_px + self.move, self.confidence)
 
@@ -231,7 +236,12 @@ class OnALine(ScriptedEstimator):
     name = "on-a-line"
 
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
         line = np.array([[0.0, 0.0], [10.0, 10.0], [20.0, 20.0], [30.0, 30.0]])
         return Estimate(line + 0 * views_px + origin_px, 1.0)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from uasthn_cli.config import MAP_PIXEL_ERROR
-from uasthn_cli.types import FloatArray, OffsetLikelihood
+from uasthn_cli.types import FloatArray, ImageArray, OffsetLikelihood
 
 TOLERANCE_M = 25.0
 """The paper's tolerance: how near to an answer the posterior counts as confidence in it."""
@@ -71,31 +71,63 @@ def offset_likelihood(
     interpolates. Where the map shows nothing the frame says nothing: as likely as the mean of what
     was seen.
     """
-    finite = np.isfinite(scores)
-    if not finite.any():
+    if not np.isfinite(scores).any():
         return OffsetLikelihood(np.zeros((grid.size,) * 2, np.float16), grid.cell_m, centre_m)
-    best = float(scores[finite].max())
-    unseen = max(math.log(float(np.exp(scores[finite] - best).mean())), _LEAST_LOG)
-    field = np.where(finite, np.maximum(scores - best, _LEAST_LOG), unseen).astype(np.float32)
+    field, unseen = _levelled(scores)
     ratio = grid.cell_m / placement.pitch_m
     if ratio > 1.0:
         side = 2 * math.ceil(ratio / 2) + 1
         field = cv2.dilate(field, np.ones((side, side), np.uint8)).astype(np.float32)
-    start = placement.prior_m / placement.pitch_m - grid.half * ratio
-    to_scores = np.array([[ratio, 0.0, start[0]], [0.0, ratio, start[1]]])
-    sampled = cv2.warpAffine(
-        field,
-        to_scores,
-        (grid.size, grid.size),
-        flags=(cv2.INTER_CUBIC if ratio < 1.0 else cv2.INTER_LINEAR) | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=unseen,
-    )
+    onto = Placement2d(grid.cell_m, np.full(2, grid.half * grid.cell_m))
+    sampled = _sampled(field, unseen, placement, onto, (grid.size, grid.size))
     if grid.radius_m is not None:
         east, north = cell_offsets_m(grid.size, grid.cell_m, np.zeros(2))
         sampled = np.where(np.hypot(east, north) <= grid.radius_m, sampled, -np.inf)
     levelled = np.clip(sampled - sampled.max(), _LEAST_LOG, 0.0)
     return OffsetLikelihood(levelled.astype(np.float16), grid.cell_m, centre_m)
+
+
+def scores_elsewhere(
+    scores: FloatArray, placement: Placement2d, onto: Placement2d, shape: tuple[int, int]
+) -> FloatArray:
+    """Return scores ``(rows, columns)`` on another lattice of ``shape``, none of them -inf.
+
+    Where nothing was seen the frame says nothing, as in :func:`offset_likelihood`.
+    """
+    if not np.isfinite(scores).any():
+        return np.zeros(shape)
+    field, unseen = _levelled(scores)
+    return _sampled(field, unseen, placement, onto, shape).astype(np.float64)
+
+
+def _levelled(scores: FloatArray) -> tuple[ImageArray, float]:
+    """Return scores whose best is 0, and what stands where nothing was seen."""
+    finite = np.isfinite(scores)
+    best = float(scores[finite].max())
+    unseen = max(math.log(float(np.exp(scores[finite] - best).mean())), _LEAST_LOG)
+    field = np.where(finite, np.maximum(scores - best, _LEAST_LOG), unseen)
+    return field.astype(np.float32), unseen
+
+
+def _sampled(
+    field: ImageArray,
+    unseen: float,
+    placement: Placement2d,
+    onto: Placement2d,
+    shape: tuple[int, int],
+) -> ImageArray:
+    """Return a field of one lattice on another, ``unseen`` beyond its border."""
+    ratio = onto.pitch_m / placement.pitch_m
+    start = (placement.prior_m - onto.prior_m) / placement.pitch_m
+    sampled = cv2.warpAffine(
+        field,
+        np.array([[ratio, 0.0, start[0]], [0.0, ratio, start[1]]]),
+        (shape[1], shape[0]),
+        flags=(cv2.INTER_CUBIC if ratio < 1.0 else cv2.INTER_LINEAR) | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=unseen,
+    )
+    return np.asarray(sampled, dtype=np.float32)
 
 
 def posterior_of(likelihood: OffsetLikelihood) -> FloatArray:

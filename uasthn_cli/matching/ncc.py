@@ -64,7 +64,12 @@ class NccEstimator:
         return channel_image(luma(window.image), window.valid, self._channel)[None]
 
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
         """Return the best shift of each view inside the window."""
         template = channel_image(thermal.image, thermal.valid, self._channel)
@@ -79,8 +84,11 @@ class NccEstimator:
             overlap = cv2.matchTemplate(valid, mask, cv2.TM_CCORR) / max(float(mask.sum()), 1.0)
             allowed = (overlap >= MIN_OVERLAP) & within_reach(scores.shape, origin_px)
             scores = np.where(allowed, scores.astype(np.float64), -np.inf)
+            believed = np.where(allowed, log_likelihood(scores, samples), -np.inf)
+            if evidence is not None:
+                scores = believed = believed + evidence
             shifts.append(best_shift(scores, otherwise=origin_px))
-            likelihoods.append(np.where(allowed, log_likelihood(scores, samples), -np.inf))
+            likelihoods.append(believed)
         corners = views_px + np.stack(shifts)[:, None]
         confidence = posterior_mass(likelihoods[0], shifts[0], thermal.gsd_m)
         return Estimate(corners, confidence, likelihoods[0])

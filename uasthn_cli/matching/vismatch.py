@@ -57,7 +57,12 @@ class VismatchEstimator:
         return np.moveaxis(window.image, -1, 0)
 
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
         """Return each view's corners by its own homography from ortho to window.
 

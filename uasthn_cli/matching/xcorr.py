@@ -40,11 +40,14 @@ class XcorrEstimator:
         *,
         device: str = "cpu",
         symmetries: int = DEFAULT_SYMMETRIES,
+        appearance: bool = True,
     ) -> None:
         """Use one trained model, or several whose scores are averaged, on a device.
 
-        ``symmetries`` (1 to 8) are shared out among the members, at least one to each.
+        ``symmetries`` (1 to 8) are shared out among the members, at least one to each. Without
+        ``appearance`` brightness and gradient have no say.
         """
+        self._appearance = appearance
         self._device = torch.device(device)
         chosen = [models] if isinstance(models, XcorrModel) else list(models)
         share = max(1, symmetries // len(chosen))
@@ -66,7 +69,12 @@ class XcorrEstimator:
 
     @torch.inference_mode()
     def estimate(
-        self, features: MapFeatures, thermal: Ortho, views_px: FloatArray, origin_px: FloatArray
+        self,
+        features: MapFeatures,
+        thermal: Ortho,
+        views_px: FloatArray,
+        origin_px: FloatArray,
+        evidence: FloatArray | None = None,
     ) -> Estimate:
         """Return each view at its best shift inside the window."""
         image, valid = self._tensors(thermal)
@@ -75,7 +83,10 @@ class XcorrEstimator:
         scores = self._average(
             member.scores(window, image, valid, masks) for member, window in self._windows(features)
         )
-        scores = scores + self._appearance_scores(features, thermal, masks)
+        if self._appearance:
+            scores = scores + self._appearance_scores(features, thermal, masks)
+        if evidence is not None:
+            scores = scores + evidence
         overlap = self._overlap(features, masks)
         prior_shift = origin_px / STRIDE_PX
         allowed = (overlap >= MIN_OVERLAP) & within_reach(scores.shape[1:], prior_shift)
@@ -142,11 +153,16 @@ class XcorrEstimator:
 
 
 def open_xcorr(
-    weights_path: Path | None, device: str, symmetries: int, ensemble: bool = False
+    weights_path: Path | None,
+    device: str,
+    symmetries: int,
+    *,
+    ensemble: bool = False,
+    appearance: bool = True,
 ) -> XcorrEstimator:
     """Return the estimator with the weights in the box or a user's own, on ``auto|cpu|cuda``.
 
-    ``ensemble`` averages all members in the box.
+    ``ensemble`` averages all members in the box; ``appearance`` as in :class:`XcorrEstimator`.
 
     Raises:
         WeightsError: the weights cannot be used, or an ensemble of a user's own was asked for.
@@ -155,4 +171,6 @@ def open_xcorr(
         raise WeightsError("--ensemble is of the weights in the box; leave out --weights")
     paths = BUNDLED_ENSEMBLE if ensemble else (weights_path or BUNDLED_XCORR,)
     models = [load_xcorr(path).model for path in paths]
-    return XcorrEstimator(models, device=choose_device(device), symmetries=symmetries)
+    return XcorrEstimator(
+        models, device=choose_device(device), symmetries=symmetries, appearance=appearance
+    )

@@ -1,6 +1,6 @@
 """From an estimator's scores to a likelihood over the log's error."""
 
-from uasthn_cli.fusion.offsets import OffsetGrid, Placement2d, offset_likelihood
+from uasthn_cli.fusion.offsets import OffsetGrid, offset_likelihood
 from uasthn_cli.pipeline.look import Look
 from uasthn_cli.types import FloatArray, OffsetLikelihood
 
@@ -15,7 +15,4 @@ def likelihood_of_look(
     scores = look.estimate.scores
     if scores is None:
         return None
-    gsd_m = look.scene.thermal.gsd_m
-    pitch_m = look.scene.features.stride_px * gsd_m
-    placement = Placement2d(pitch_m, look.scene.origin_px * gsd_m)
-    return offset_likelihood(scores, placement, grid, centre_m)
+    return offset_likelihood(scores, look.scene.placement, grid, centre_m)

@@ -1,10 +1,13 @@
 """Look at one frame: decode, rectify, read the map around it, ask the estimator."""
 
+import logging
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
 from uasthn_cli.config import CropTtaConfig
+from uasthn_cli.fusion.offsets import Placement2d, scores_elsewhere
 from uasthn_cli.geometry.corners import DegenerateHomographyError, transform_points
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.geometry.pixels import metres_to_grid
@@ -32,6 +35,8 @@ from uasthn_cli.types import (
 )
 from uasthn_cli.uncertainty.views import crop_views_px
 
+_log = logging.getLogger(__name__)
+
 _ALIGNMENT_PX = 16
 
 
@@ -52,6 +57,20 @@ class Scene:
     thermal: Ortho
     features: MapFeatures
     origin_px: FloatArray
+
+    @property
+    def placement(self) -> Placement2d:
+        """How scores of shifts lie on the ground."""
+        gsd_m = self.thermal.gsd_m
+        return Placement2d(self.features.stride_px * gsd_m, self.origin_px * gsd_m)
+
+    @property
+    def shifts(self) -> tuple[int, int]:
+        """Rows and columns of :attr:`uasthn_cli.types.Estimate.scores`."""
+        height_px, width_px = self.thermal.image.shape
+        stride_px = self.features.stride_px
+        rows, columns = self.features.valid.shape
+        return rows - height_px // stride_px + 1, columns - width_px // stride_px + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +95,19 @@ class Looker:
         timer: StageTimer,
     ) -> None:
         """Keep what all frames share."""
+        self._second: Looker | None = None
         self.grid, self.estimator, self.local = grid, estimator, local
         self._camera, self._tiles, self._timer = camera, tiles, timer
+
+    def beside(self, second: "Looker | None") -> "Looker":
+        """Return the same looker, who also heeds what ``second`` sees at another GSD.
+
+        Two scales tell places apart better than one; where the place is known, the finer look
+        alone is the more precise one.
+        """
+        both = copy(self)
+        both._second = second
+        return both
 
     @property
     def pitch_m(self) -> float:
@@ -104,14 +134,35 @@ class Looker:
         """
         scene = self.scene(prior, radius_m)
         camera, thermal = scene.camera, scene.thermal
+        evidence = None
+        if self._second is not None:
+            evidence = self._second.evidence(prior, radius_m, scene)
         frame_views = crop_views_px(camera.width_px, camera.height_px, crops, prior.frame.name)
         views = transform_points(thermal.H_frame_ortho, frame_views)
         try:
             with self._timer.stage("search"):
-                estimate = self.estimator.estimate(scene.features, thermal, views, scene.origin_px)
+                estimate = self.estimator.estimate(
+                    scene.features, thermal, views, scene.origin_px, evidence
+                )
         except DegenerateHomographyError as error:
             raise LookError(Reason.DEGENERATE_HOMOGRAPHY, error) from error
         return Look(scene, views, estimate)
+
+    def evidence(self, prior: Prior, radius_m: float, scene: Scene) -> FloatArray | None:
+        """Return what this looker says of every shift ``(rows, columns)`` of another's scene.
+
+        None where it says nothing.
+        """
+        try:
+            look = self.look(prior, CropTtaConfig(views=1), radius_m)
+        except LookError as error:
+            _log.debug("%s at %.2f m/px: %s", prior.frame.name, self.grid.gsd_m, error)
+            return None
+        if look.estimate.scores is None:
+            return None
+        return scores_elsewhere(
+            look.estimate.scores, look.scene.placement, scene.placement, scene.shifts
+        )
 
     def scene(self, prior: Prior, radius_m: float) -> Scene:
         """Return a frame, rectified, and the map within ``radius_m`` of where it may lie.

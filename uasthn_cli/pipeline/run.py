@@ -26,7 +26,7 @@ from uasthn_cli.ingest.priors import PriorSet, build_priors
 from uasthn_cli.ingest.telemetry import Telemetry
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
 from uasthn_cli.mapping.tiles import FeatureTiles
-from uasthn_cli.matching.registry import open_estimator
+from uasthn_cli.matching.registry import SECOND_SCALES, open_estimator
 from uasthn_cli.pipeline.flight_stage import FlightStage, RebuildPriors, Survey
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
@@ -191,8 +191,14 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         wide_m, near_m = _choose_gsds_m(job, located, native_m)
         wide_map = stack.enter_context(MapReader(job.map_path, local, wide_m))
         wide_map.require_overlap(positions, job.config.search_radius_m)
-        wide = _looker(job, wide_map, estimator or _open_estimator(job), local, timer)
-        near = wide
+        second = None
+        scale = None if estimator else SECOND_SCALES.get(job.config.estimator)
+        if scale is not None:
+            second_map = stack.enter_context(MapReader(job.map_path, local, scale * wide_m))
+            again = _open_estimator(job, symmetries=1, appearance=False)
+            second = _looker(job, second_map, again, local, timer)
+        near = _looker(job, wide_map, estimator or _open_estimator(job), local, timer)
+        wide = near.beside(second)
         if job.config.fuse and near_m < _FINER * wide_m:
             near_map = stack.enter_context(MapReader(job.map_path, local, near_m))
             again = estimator or _open_estimator(job, symmetries=1)
@@ -202,19 +208,26 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         yield Run(job, priors, rebuild, (wide, near), crs, native_m, timer)
 
 
-def _open_estimator(job: GeotagJob, symmetries: int | None = None) -> Estimator:
-    """Load the estimator; near a known place one orientation is enough."""
+def _open_estimator(
+    job: GeotagJob, symmetries: int | None = None, *, appearance: bool = True
+) -> Estimator:
+    """Load the estimator; near a known place, and on a second scale, one orientation is enough."""
     return open_estimator(
         job.config.estimator,
         weights_path=job.weights_path,
         device=job.config.device,
         symmetries=symmetries or job.config.symmetries,
         ensemble=job.config.ensemble,
+        appearance=appearance,
     )
 
 
 def _looker(
-    job: GeotagJob, reader: MapReader, estimator: Estimator, local: LocalFrame, timer: StageTimer
+    job: GeotagJob,
+    reader: MapReader,
+    estimator: Estimator,
+    local: LocalFrame,
+    timer: StageTimer,
 ) -> Looker:
     tiles = FeatureTiles(
         timer.timed("map", reader.read),
