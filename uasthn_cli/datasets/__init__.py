@@ -1,0 +1,1 @@
+"""Pairs of satellite and thermal images with known corners, from several sources."""
