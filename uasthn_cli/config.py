@@ -78,11 +78,12 @@ class CropTtaConfig:
     seed: int = 0
 
 
-MIN_SUPPORT = 0.6
-"""A fused answer needs more than this share of near frames that alone agree with it.
+MIN_SUPPORT = 0.5
+"""A fused answer needs more than this support: near frames that agree, each as sure as it is alone.
 
-Over maps of other places, fusion settles somewhere too, and can be sure of it; frames alone then
-agree only by chance.
+Over maps of other places fusion settles somewhere too, and can be sure of it. On the rendered
+flights of the calibration the largest support over a wrong map was 0.35, the least of a healthy
+flight 0.73.
 """
 
 FALLBACK_MAX_STD_M = 10.0

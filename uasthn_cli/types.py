@@ -289,7 +289,8 @@ class Trust:
     ``(2, 2)`` (east, north) is that of the centre near the answer, ``ce90_m`` the radius that holds
     90 % of errors, ``risk`` the estimated probability of an error beyond the tolerance (NaN without
     a calibration), ``agreement_m`` the distance between the frame's own and the flight's answer,
-    ``support`` in 0..1 the share of neighbouring frames that alone agree with the flight's answer.
+    ``support`` in 0..1 the share of near frames that alone agree with the flight's answer, each
+    counted as sure as it is.
     """
 
     confidence: float

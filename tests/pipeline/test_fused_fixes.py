@@ -18,13 +18,13 @@ from uasthn_cli.pipeline.fused_fixes import fused_offsets_m, place_from_geometry
 from uasthn_cli.types import Attitude, FrameFile, OffsetLikelihood, Prior
 
 
-@given(st.lists(st.booleans(), min_size=1, max_size=40))
-def test_support_is_the_share_of_up_to_twelve_neighbours_each_way_that_agree(
-    agrees: list[bool],
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=40))
+def test_support_is_the_mean_backing_of_up_to_twelve_neighbours_each_way(
+    backing: list[float],
 ) -> None:
-    found = support_of(np.array(agrees, dtype=np.float64))
+    found = support_of(np.array(backing))
     for index, share in enumerate(found):
-        near = agrees[max(0, index - 12) : index + 13]
+        near = backing[max(0, index - 12) : index + 13]
         assert share == pytest.approx(sum(near) / len(near))
 
 

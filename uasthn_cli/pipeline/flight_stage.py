@@ -153,13 +153,16 @@ class FlightStage:
             return None
 
     def _velocities_m_s(self, frames: Sequence[FlightFrame]) -> FloatArray:
-        """Return ground velocities ``(T, 2)`` in the log; 0 where it ends a second later."""
-        later = self._rebuild_priors(1.0)
-        local = self._wide.local
+        """Return ground velocities ``(T, 2)`` in the log, over the next second or the last."""
+        later, earlier = self._rebuild_priors(1.0), self._rebuild_priors(-1.0)
         velocities = []
         for frame in frames:
-            next_prior = later.get(frame.prior.frame.name, frame.prior)
-            velocities.append(_position_m(next_prior, local) - _position_m(frame.prior, local))
+            name = frame.prior.frame.name
+            end = later.get(name, frame.prior)
+            start = frame.prior if name in later else earlier.get(name, frame.prior)
+            velocities.append(
+                _position_m(end, self._wide.local) - _position_m(start, self._wide.local)
+            )
         return np.array(velocities)
 
     def _constants(

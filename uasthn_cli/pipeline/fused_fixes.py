@@ -8,6 +8,7 @@ import numpy as np
 
 from uasthn_cli.fusion.forward_backward import smooth
 from uasthn_cli.fusion.offsets import (
+    TOLERANCE_M,
     OffsetGrid,
     best_offset_m,
     summarise_posterior,
@@ -18,7 +19,6 @@ from uasthn_cli.geometry.placement import Placement, place_frame, translation
 from uasthn_cli.pipeline.flight_stage import (
     FlightFrame,
     Survey,
-    agreeing,
     agreement_m,
     moved_prior,
 )
@@ -42,7 +42,7 @@ from uasthn_cli.types import (
 _log = logging.getLogger(__name__)
 
 _NEIGHBOURS = 12
-"""Each way. Over a wrong map a few frames in a row agree by chance; of 25, hardly ever 16."""
+"""Each way. Over a wrong map a few frames in a row agree by chance; of 25, hardly ever most."""
 _METRE_GRID = MapGrid(gsd_m=1.0)
 """A grid of metres: places are computed straight from geometry."""
 
@@ -89,7 +89,7 @@ def fused_results(
     local = looker.local
     offsets_m, covariances_m2 = fused_offsets_m(survey, [look.likelihood for look in near], grid)
     apart_m = agreement_m(survey.frames, offsets_m, local)
-    support = support_of(agreeing(survey.frames, offsets_m, local).astype(np.float64))
+    support = support_of(_backing(survey.frames, apart_m))
     answers: dict[str, Fix] = {}
     for index, (frame, look) in enumerate(zip(survey.frames, near, strict=True)):
         moved_m = offsets_m[index] - survey.offsets_m[index]
@@ -108,15 +108,26 @@ def fused_results(
     return [answers.get(_name(entry.result), entry.result) for entry in located]
 
 
-def support_of(agrees: FloatArray) -> FloatArray:
-    """Return for each frame the share ``(T,)`` of near frames in the log's order that agree.
+def _backing(frames: Sequence[FlightFrame], apart_m: FloatArray) -> FloatArray:
+    """Return how sure ``(T,)`` each frame is, alone, of what the flight says; 0 if it disagrees.
 
-    ``agrees`` ``(T,)`` is 1 where a frame alone says what the flight says; a frame counts among
-    its own neighbours.
+    Over a wrong map neighbours see the same wrong thing and may well agree, but none of them is
+    sure: counted by confidence, no such flight came near one over the right map.
+    """
+    own = np.array(
+        [0.0 if frame.single is None else frame.single.trust.confidence for frame in frames]
+    )
+    return np.where(apart_m <= TOLERANCE_M, own, 0.0)
+
+
+def support_of(backing: FloatArray) -> FloatArray:
+    """Return for each frame the mean ``(T,)`` of its near frames, in the log's order.
+
+    ``backing`` ``(T,)`` in 0..1; a frame counts among its own neighbours.
     """
     kernel = np.ones(2 * _NEIGHBOURS + 1)
-    counted = np.convolve(np.ones(len(agrees)), kernel)[_NEIGHBOURS : _NEIGHBOURS + len(agrees)]
-    total = np.convolve(agrees, kernel)[_NEIGHBOURS : _NEIGHBOURS + len(agrees)]
+    counted = np.convolve(np.ones(len(backing)), kernel)[_NEIGHBOURS : _NEIGHBOURS + len(backing)]
+    total = np.convolve(backing, kernel)[_NEIGHBOURS : _NEIGHBOURS + len(backing)]
     return np.asarray(total / counted)
 
 
