@@ -31,7 +31,7 @@ HOMES = {
     "pyproj": ("geometry/geodesy.py",),
     "pymavlink": ("ingest/mavlink.py",),
     "rasterio": ("mapping/", "synth/"),
-    "matplotlib": ("report/figures.py", "evaluation/figures.py"),
+    "matplotlib": ("report/drawing.py",),
     "h5py": ("datasets/boson.py",),
     "torch": ("matching/", "training/"),
     "click": ("commands/",),
