@@ -175,8 +175,8 @@ def test_a_folder_of_figures_that_cannot_be_made_is_one_line(tmp_path: Path) -> 
 def test_figures_without_matplotlib_are_refused_before_anything_is_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in ("uasthn_cli.report.figures", "uasthn_cli.commands.report_figures"):
-        monkeypatch.delitem(sys.modules, module, raising=False)
+    for module in ("report.drawing", "report.figures", "commands.report_figures"):
+        monkeypatch.delitem(sys.modules, f"uasthn_cli.{module}", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     folder = write_folder(tmp_path / "out")
     result = run(folder, "--figures", tmp_path / "pictures")

@@ -71,7 +71,8 @@ def test_names_that_look_like_formulas_or_have_no_end_are_drawn() -> None:
 def test_without_matplotlib_there_is_one_line_that_says_what_to_do(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.delitem(sys.modules, "uasthn_cli.report.figures")
+    for module in ("uasthn_cli.report.figures", "uasthn_cli.report.drawing"):
+        monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'uasthn\[figures\]'") as raised:
         import uasthn_cli.report.figures  # noqa: F401, PLC0415

@@ -1,16 +1,28 @@
-"""Pictures of what a run's stated uncertainties are worth; the only importer of matplotlib.
+"""Pictures of what a run's stated uncertainties are worth."""
 
-Colours are those of Okabe and Ito, *Color Universal Design* (2008), told apart with any kind of
-colour vision; no curve is told by its colour alone.
-"""
-
-import io
 from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 
-from uasthn_cli.errors import MissingExtraError
+from uasthn_cli.report.drawing import (
+    BLUE,
+    GREEN,
+    HEIGHT_IN,
+    ORANGE,
+    REFERENCE,
+    WIDTH_IN,
+    Axes,
+    Figure,
+    FuncFormatter,
+    PercentFormatter,
+    encode,
+    legend_below,
+    legend_beside,
+    new_figure,
+    styled,
+    title,
+)
 from uasthn_cli.report.load import RunResults
 from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M, column
 from uasthn_cli.report.trust import (
@@ -22,18 +34,6 @@ from uasthn_cli.report.trust import (
 from uasthn_cli.report.trust_summary import JudgedAnswers, judged_answers, risk_reliability
 from uasthn_cli.types import BoolArray, FloatArray
 
-try:
-    import matplotlib as mpl
-    from matplotlib.axes import Axes
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, PercentFormatter
-except ModuleNotFoundError as error:
-    raise MissingExtraError(
-        f"figures are drawn by matplotlib, which is not installed ({error.name} is missing):"
-        " pip install 'uasthn[figures]'"
-    ) from error
-
 NEEDS: Final[Mapping[str, str]] = {
     "risk-coverage": "an uncertainty of an answer whose error is known",
     "roc": "uncertainties of answers whose error is known, within the tolerance and beyond",
@@ -42,33 +42,14 @@ NEEDS: Final[Mapping[str, str]] = {
 }
 """The figures of a run by name, and what each of them cannot do without."""
 
-_WIDTH_IN, _HEIGHT_IN, _DOTS_PER_INCH = 8.0, 5.6, 100
-_BLUE, _ORANGE, _GREEN = "#0072B2", "#D55E00", "#009E73"
 _SIGNAL_STYLES: Final[Mapping[str, Mapping[str, Any]]] = {
-    "risk": {"color": _BLUE, "linestyle": "-", "linewidth": 2.6},
-    "confidence": {"color": _ORANGE, "linestyle": (0, (6, 2))},
-    "entropy": {"color": _GREEN, "linestyle": (0, (6, 2, 1.2, 2))},
+    "risk": {"color": BLUE, "linestyle": "-", "linewidth": 2.6},
+    "confidence": {"color": ORANGE, "linestyle": (0, (6, 2))},
+    "entropy": {"color": GREEN, "linestyle": (0, (6, 2, 1.2, 2))},
     "sigma_m": {"color": "#CC79A7", "linestyle": (0, (1.2, 1.2))},
     "u_m": {"color": "#E69F00", "linestyle": (0, (3, 1.5))},
     "agreement_m": {"color": "#56B4E9", "linestyle": (0, (6, 2, 1.2, 2, 1.2, 2))},
     "support": {"color": "#F0E442", "linestyle": (0, (6, 1.5))},
-}
-_REFERENCE: Final[Mapping[str, Any]] = {"color": "#555555", "linewidth": 1.2}
-_STYLE: Final[Any] = {
-    "svg.hashsalt": "uasthn",  # else the identifiers in an SVG differ from run to run
-    "font.size": 12.0,
-    "axes.titlesize": 13.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#dddddd",
-    "axes.axisbelow": True,
-    "lines.linewidth": 2.0,
-    "legend.frameon": False,
-    "legend.fontsize": 10.0,
-    "legend.columnspacing": 1.4,
-    "figure.constrained_layout.w_pad": 0.12,
-    "figure.constrained_layout.h_pad": 0.08,
 }
 _LEAST_SHOWN_M: Final = 0.1
 _RATIO_SHOWN: Final = 3.0
@@ -83,22 +64,20 @@ def draw_run(
     what it needs.
     """
     answers = judged_answers(run, tolerance_m)
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(_STYLE)
+    with styled():
         figures = {
             "risk-coverage": _risk_coverage_figure(answers, run.name, tolerance_m),
             "roc": _roc_figure(answers, run.name, tolerance_m),
             "reliability": _reliability_figure(answers, run.name),
             "errors": _errors_figure(answers, run, tolerance_m),
         }
-        return {name: _encode(figure, file_format) for name, figure in figures.items()}
+        return {name: encode(figure, file_format) for name, figure in figures.items()}
 
 
 def _risk_coverage_figure(answers: JudgedAnswers, name: str, tolerance_m: float) -> Figure | None:
     """Draw the risk–coverage curve of every signal, the ideal order and what was accepted."""
-    figure, axes = _new_figure()
-    _title(figure, "Risk–coverage", name)
+    figure, axes = new_figure()
+    title(figure, "Risk–coverage", name)
     for signal, known in _known_doubts(answers).items():
         curve = risk_coverage(answers.doubts[signal][known], answers.wrong[known])
         if curve is not None:
@@ -108,9 +87,9 @@ def _risk_coverage_figure(answers: JudgedAnswers, name: str, tolerance_m: float)
     if not axes.lines or blind is None:
         return None
     ideal = f"ideal order: area {blind.ideal_aurc:.3f}"
-    axes.plot(blind.coverage, blind.ideal_risk, label=ideal, linestyle=":", **_REFERENCE)
+    axes.plot(blind.coverage, blind.ideal_risk, label=ideal, linestyle=":", **REFERENCE)
     everything = f"no order: area {blind.aurc:.3f}"
-    axes.axhline(blind.aurc, label=everything, linestyle="-", **_REFERENCE)
+    axes.axhline(blind.aurc, label=everything, linestyle="-", **REFERENCE)
     if answers.accepted.any():
         point = answers.accepted.mean(), answers.wrong[answers.accepted].mean()
         label = f"accepted: {point[1]:.3f} at {point[0]:.2f}"
@@ -119,14 +98,14 @@ def _risk_coverage_figure(answers: JudgedAnswers, name: str, tolerance_m: float)
     axes.set_ylabel(f"risk: share of them beyond {tolerance_m:g} m")
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(bottom=0.0)
-    _legend_below(figure, axes)
+    legend_below(figure, axes)
     return figure
 
 
 def _roc_figure(answers: JudgedAnswers, name: str, tolerance_m: float) -> Figure | None:
     """Draw the receiver operating characteristic of every signal."""
-    figure, axes = _new_figure()
-    _title(figure, "ROC", name)
+    figure, axes = new_figure()
+    title(figure, "ROC", name)
     for signal, known in _known_doubts(answers).items():
         roc = roc_curve(answers.doubts[signal][known], answers.wrong[known])
         if roc is not None:
@@ -135,7 +114,7 @@ def _roc_figure(answers: JudgedAnswers, name: str, tolerance_m: float) -> Figure
             axes.plot(*rates, label=label, clip_on=False, **_SIGNAL_STYLES[signal])
     if not axes.lines:
         return None
-    axes.plot([0, 1], [0, 1], label="chance: AUC 0.500", linestyle="-", **_REFERENCE)
+    axes.plot([0, 1], [0, 1], label="chance: AUC 0.500", linestyle="-", **REFERENCE)
     wrong = int(answers.wrong.sum())
     good = answers.wrong.size - wrong
     axes.set_xlabel(f"share of {good} good answers (within {tolerance_m:g} m) flagged")
@@ -143,7 +122,7 @@ def _roc_figure(answers: JudgedAnswers, name: str, tolerance_m: float) -> Figure
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(0.0, 1.0)
     axes.set_aspect("equal")
-    _legend_beside(figure, axes)
+    legend_beside(figure, axes)
     return figure
 
 
@@ -152,26 +131,26 @@ def _reliability_figure(answers: JudgedAnswers, name: str) -> Figure | None:
     bins = risk_reliability(answers)
     if not bins:
         return None
-    figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN + 0.6), layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN + 0.6), layout="constrained")
     axes, spread = figure.subplots(2, 1, sharex=True, height_ratios=[4, 1])
-    _title(figure, "Reliability of the predicted risk", name)
+    title(figure, "Reliability of the predicted risk", name)
     predicted = np.array([one.predicted for one in bins])
     observed = np.array([one.observed for one in bins])
     low_high = np.array([[one.observed_low, one.observed_high] for one in bins]).T
-    axes.plot([0, 1], [0, 1], label="perfectly calibrated", linestyle="--", **_REFERENCE)
+    axes.plot([0, 1], [0, 1], label="perfectly calibrated", linestyle="--", **REFERENCE)
     axes.errorbar(
         predicted,
         observed,
         yerr=np.abs(low_high - observed),
         label="bins of equal count, 95 % interval",
-        **{"color": _BLUE, "marker": "o", "markersize": 7, "capsize": 4, "clip_on": False},
+        **{"color": BLUE, "marker": "o", "markersize": 7, "capsize": 4, "clip_on": False},
     )
     error = expected_calibration_error(bins)
     axes.plot([], [], " ", label=f"expected calibration error {error:.3f}")
     axes.set_ylabel(f"observed share beyond {DEFAULT_TOLERANCE_M:g} m")
     axes.set_ylim(0.0, 1.0)
     axes.legend(loc="upper left")
-    spread.hist(answers.risk[np.isfinite(answers.risk)], np.linspace(0.0, 1.0, 41), color=_BLUE)
+    spread.hist(answers.risk[np.isfinite(answers.risk)], np.linspace(0.0, 1.0, 41), color=BLUE)
     spread.set_xlim(0.0, 1.0)
     spread.set_xlabel(f"predicted risk: probability of an error beyond {DEFAULT_TOLERANCE_M:g} m")
     spread.set_ylabel("answers")
@@ -183,9 +162,9 @@ def _errors_figure(answers: JudgedAnswers, run: RunResults, tolerance_m: float) 
     if not answers.ce_m.size:
         return None
     has_radius = np.isfinite(answers.ce90_m)
-    figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), layout="constrained")
     panels = figure.subplots(1, 1 + int(has_radius.any()), squeeze=False)[0]
-    _title(figure, "Centre errors", run.name)
+    title(figure, "Centre errors", run.name)
     _draw_errors(panels[0], answers, column(run.rows, "prior_ce_m"), tolerance_m)
     if has_radius.any():
         _draw_ratios(panels[1], answers, has_radius)
@@ -204,14 +183,14 @@ def _draw_errors(
     accepted_m = answers.ce_m[answers.accepted]
     prior_m = prior_ce_m[np.isfinite(prior_ce_m)]
     for errors_m, label, style in (
-        (answers.ce_m, "all", {"color": _BLUE}),
-        (accepted_m, "accepted", {"color": _ORANGE, "linestyle": (0, (6, 2))}),
+        (answers.ce_m, "all", {"color": BLUE}),
+        (accepted_m, "accepted", {"color": ORANGE, "linestyle": (0, (6, 2))}),
         (prior_m, "logged position", {"color": "#555555", "linestyle": (0, (1.2, 1.2))}),
     ):
         if errors_m.size:
             legend = f"{label}: {errors_m.size}, median {np.median(errors_m):.1f} m"
             axes.ecdf(np.maximum(errors_m, _LEAST_SHOWN_M), label=legend, **style)
-    axes.axvline(tolerance_m, label=f"tolerance {tolerance_m:g} m", linestyle="-", **_REFERENCE)
+    axes.axvline(tolerance_m, label=f"tolerance {tolerance_m:g} m", linestyle="-", **REFERENCE)
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.set_xlabel("centre error CE [m]")
@@ -220,11 +199,11 @@ def _draw_errors(
 def _draw_ratios(axes: Axes, answers: JudgedAnswers, has_radius: BoolArray) -> None:
     """Draw the distribution of CE over its predicted CE90: nine tenths should be below 1."""
     for chosen, label, style in (
-        (has_radius, "all", {"color": _BLUE}),
+        (has_radius, "all", {"color": BLUE}),
         (
             has_radius & answers.accepted,
             "accepted",
-            {"color": _ORANGE, "linestyle": (0, (6, 2))},
+            {"color": ORANGE, "linestyle": (0, (6, 2))},
         ),
     ):
         ce_m, ce90_m = answers.ce_m[chosen], answers.ce90_m[chosen]
@@ -235,9 +214,9 @@ def _draw_ratios(axes: Axes, answers: JudgedAnswers, has_radius: BoolArray) -> N
             axes.ecdf(ratio, label=f"{label}: {share:.1%} within CE90", **style)
     ratio = np.linspace(0.0, _RATIO_SHOWN, 200)
     normal = "circular normal errors: 90 %"
-    axes.plot(ratio, 1.0 - 0.1 ** (ratio**2), label=normal, linestyle=":", **_REFERENCE)
-    axes.axvline(1.0, linestyle="-", **_REFERENCE)
-    axes.axhline(0.9, linestyle="-", **_REFERENCE)
+    axes.plot(ratio, 1.0 - 0.1 ** (ratio**2), label=normal, linestyle=":", **REFERENCE)
+    axes.axvline(1.0, linestyle="-", **REFERENCE)
+    axes.axhline(0.9, linestyle="-", **REFERENCE)
     axes.set_xlim(0.0, _RATIO_SHOWN)
     axes.set_xlabel("CE / predicted CE90")
 
@@ -251,36 +230,3 @@ def _known_doubts(answers: JudgedAnswers) -> dict[str, BoolArray]:
 def _of(chosen: BoolArray) -> str:
     """Say of how many answers a curve is, unless it is of all."""
     return "" if chosen.all() else f" (of {chosen.sum()})"
-
-
-def _new_figure() -> tuple[Figure, Axes]:
-    """Return an empty figure with one pair of axes."""
-    figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), layout="constrained")
-    return figure, figure.subplots()
-
-
-def _title(figure: Figure, what: str, name: str) -> None:
-    """Write what is shown and of which run; the end of a long name is what tells runs apart."""
-    shown = name if len(name) <= 60 else "…" + name[-59:]
-    figure.suptitle(f"{what}: {shown}", parse_math=False)
-
-
-def _legend_below(figure: Figure, axes: Axes) -> None:
-    """Explain the curves under the axes."""
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-
-
-def _legend_beside(figure: Figure, axes: Axes) -> None:
-    """Explain the curves to the right of the axes."""
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside right center")
-
-
-def _encode(figure: Figure | None, file_format: str) -> bytes | None:
-    """Return the file's bytes, without date and version: they would differ for the same run."""
-    if figure is None:
-        return None
-    FigureCanvasAgg(figure)
-    metadata = {"Software": None} if file_format == "png" else {"Date": None, "Creator": None}
-    content = io.BytesIO()
-    figure.savefig(content, format=file_format, dpi=_DOTS_PER_INCH, metadata=metadata)
-    return content.getvalue()

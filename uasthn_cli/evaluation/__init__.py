@@ -1,0 +1,1 @@
+"""The paper's protocol: estimators over pairs, predictions in a file, tables and figures of it."""
