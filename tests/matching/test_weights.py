@@ -1,16 +1,18 @@
 """Weights travel as data; a file that is not what it says is refused in one line."""
 
 import json
+import random
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import torch
-from safetensors.torch import save
+from safetensors import safe_open
+from safetensors.torch import load, save
 
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
-from uasthn_cli.matching.weights import load_xcorr, serialise_xcorr
+from uasthn_cli.matching.weights import canonical_safetensors, load_xcorr, serialise_xcorr
 
 ARCHITECTURE = XcorrArchitecture(feature_channels=5, widths=(4, 6, 8, 10))
 
@@ -131,3 +133,25 @@ def test_a_missing_tensor_is_noticed(model: XcorrModel, path: Path) -> None:
     path.write_bytes(save(tensors, metadata))
     with pytest.raises(WeightsError, match="do not fit"):
         load_xcorr(path)
+
+
+def test_canonical_files_hold_the_same_and_are_sorted(tmp_path: Path) -> None:
+    rng = random.Random(0)
+    tensors = {f"t{n}": torch.full((2, n + 1), float(n)) for n in range(6)}
+    notes = {f"note {n}": "ä" * n for n in range(9)}
+    contents = set()
+    for _ in range(6):
+        shuffled = dict(rng.sample(sorted(notes.items()), len(notes)))
+        contents.add(canonical_safetensors(save(tensors, shuffled)))
+    (content,) = contents
+    assert canonical_safetensors(content) == content
+    loaded = load(content)
+    assert loaded.keys() == tensors.keys()
+    assert all(torch.equal(loaded[name], tensors[name]) for name in tensors)
+    (tmp_path / "w.safetensors").write_bytes(content)
+    with safe_open(tmp_path / "w.safetensors", framework="pt") as file:
+        assert file.metadata() == notes
+    length = int.from_bytes(content[:8], "little")
+    assert length % 8 == 0
+    header = json.loads(content[8 : 8 + length])
+    assert list(header) == sorted(header)

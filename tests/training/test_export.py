@@ -1,14 +1,10 @@
 """Weights and model card: whole, loadable, the same bytes for the same run."""
 
-import json
-import random
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
-from safetensors import safe_open
-from safetensors.torch import load, save
 from tiny_training import tiny_config
 
 from uasthn_cli import __version__
@@ -19,7 +15,6 @@ from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.export import (
     OutputPaths,
     TrainingStory,
-    canonical_safetensors,
     export,
 )
 from uasthn_cli.training.loop import Validation
@@ -138,28 +133,6 @@ def test_the_same_run_gives_the_same_bytes(paths: OutputPaths, model: XcorrModel
     for _ in range(5):
         export(paths, model, STORY)
         assert (paths.weights.read_bytes(), paths.card.read_bytes()) == before
-
-
-def test_canonical_files_hold_the_same_and_are_sorted(tmp_path: Path) -> None:
-    rng = random.Random(0)
-    tensors = {f"t{n}": torch.full((2, n + 1), float(n)) for n in range(6)}
-    notes = {f"note {n}": "ä" * n for n in range(9)}
-    contents = set()
-    for _ in range(6):
-        shuffled = dict(rng.sample(sorted(notes.items()), len(notes)))
-        contents.add(canonical_safetensors(save(tensors, shuffled)))
-    (content,) = contents
-    assert canonical_safetensors(content) == content
-    loaded = load(content)
-    assert loaded.keys() == tensors.keys()
-    assert all(torch.equal(loaded[name], tensors[name]) for name in tensors)
-    (tmp_path / "w.safetensors").write_bytes(content)
-    with safe_open(tmp_path / "w.safetensors", framework="pt") as file:
-        assert file.metadata() == notes
-    length = int.from_bytes(content[:8], "little")
-    assert length % 8 == 0
-    header = json.loads(content[8 : 8 + length])
-    assert list(header) == sorted(header)
 
 
 @pytest.mark.parametrize("name", ["weights", "card", "log"])

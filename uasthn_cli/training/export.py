@@ -1,6 +1,5 @@
 """What a training run leaves behind: weights, and a model card that says where they come from."""
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,6 @@ from uasthn_cli.training.scenes import ImageSource, RenderedShares
 from uasthn_cli.training.trainee import InitialWeights, TrainingConfig
 
 SUFFIX = ".safetensors"
-_ALIGNMENT = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,21 +99,8 @@ def export(paths: OutputPaths, model: XcorrModel, story: TrainingStory) -> None:
         "licence_note": story.licence_note or "",
     }
     card = "\n".join(_card(paths.weights.name, model, story)) + "\n"
-    weights = canonical_safetensors(serialise_xcorr(model, notes))
+    weights = serialise_xcorr(model, notes)
     atomic.write_files([(paths.card, card.encode("utf-8")), (paths.weights, weights)])
-
-
-def canonical_safetensors(content: bytes) -> bytes:
-    """Return a safetensors file with its header sorted; the library writes notes in random order.
-
-    Format: eight bytes of header length, little-endian, the header in JSON padded with spaces,
-    then the tensors (https://github.com/huggingface/safetensors#format).
-    """
-    start = 8 + int.from_bytes(content[:8], "little")
-    header = json.dumps(json.loads(content[8:start]), sort_keys=True, separators=(",", ":"))
-    encoded = header.encode("utf-8")
-    encoded += b" " * (-len(encoded) % _ALIGNMENT)
-    return len(encoded).to_bytes(8, "little") + encoded + content[start:]
 
 
 def _card(name: str, model: XcorrModel, story: TrainingStory) -> Iterator[str]:
