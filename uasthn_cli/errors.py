@@ -121,6 +121,18 @@ class MissingExtraError(UasthnError):
     exit_code = 26
 
 
+class DatasetError(UasthnError):
+    """A data set to train on or evaluate with is missing, incomplete, or of no known layout."""
+
+    exit_code = 27
+
+
+class PredictionsError(UasthnError):
+    """A predictions file of ``uasthn evaluate`` is missing, damaged, or of another kind."""
+
+    exit_code = 28
+
+
 class RunInterruptedError(UasthnError):
     """Ctrl-C stopped a run that goes on when the same command is given again."""
 

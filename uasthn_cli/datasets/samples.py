@@ -14,8 +14,10 @@ class MatchSample:
     """A square satellite image, a square thermal image, and where one lies in the other.
 
     ``satellite`` ``(S, S, 3)`` uint8 RGB at ``satellite_gsd_m`` metres a pixel, centred where the
-    prior believes the thermal image's centre to be; ``thermal`` ``(T, T)`` uint8; ``corners_px``
-    ``(4, 2)`` the true places of the thermal image's four corner pixels in satellite pixels.
+    prior believes the thermal image's centre to be, black (0, 0, 0) where there is no data;
+    ``thermal`` ``(T, T)`` uint8, as the prior has it north-up at the same metres a pixel;
+    ``corners_px`` ``(4, 2)`` the true places of the thermal image's four corner pixels in
+    satellite pixels.
     """
 
     name: str
