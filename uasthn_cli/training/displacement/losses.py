@@ -59,7 +59,7 @@ def croptta_loss(
     steps, samples = len(displacements), len(truth)
     loss = sequence_loss(displacements[:, :samples], truth, decay)
     for corners, found in zip(
-        crop_corners, displacements[:, samples:].split(samples, dim=1), strict=True
+        crop_corners, torch.split(displacements[:, samples:], samples, dim=1), strict=True
     ):
         flat, repeated = found.flatten(0, 1), corners.repeat(steps, 1, 1)
         own = crop_displacement(corners, truth).repeat(steps, 1, 1)
