@@ -56,11 +56,11 @@ def croptta_loss(
     becomes the whole image's by its homography (eqs. 1-5); where it defines no usable one, as early
     in training, its own corners are compared with where they should be.
     """
-    steps, samples = len(displacements), len(truth)
-    loss = sequence_loss(displacements[:, :samples], truth, decay)
-    for corners, found in zip(
-        crop_corners, torch.split(displacements[:, samples:], samples, dim=1), strict=True
-    ):
+    steps = len(displacements)
+    views = displacements.reshape(steps, -1, *truth.shape)
+    loss = sequence_loss(views[:, 0], truth, decay)
+    for view, corners in enumerate(crop_corners, start=1):
+        found = views[:, view]
         flat, repeated = found.flatten(0, 1), corners.repeat(steps, 1, 1)
         own = crop_displacement(corners, truth).repeat(steps, 1, 1)
         usable = _is_usable(repeated, flat)
