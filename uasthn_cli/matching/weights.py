@@ -45,7 +45,7 @@ def serialise_xcorr(model: XcorrModel, notes: dict[str, str]) -> bytes:
         "architecture": json.dumps(model.architecture.as_metadata(), sort_keys=True),
         **notes,
     }
-    return _with_sorted_header(bytes(save(tensors, metadata)))
+    return with_sorted_header(bytes(save(tensors, metadata)))
 
 
 def load_xcorr(path: Path) -> LoadedXcorr:
@@ -79,7 +79,7 @@ def load_xcorr(path: Path) -> LoadedXcorr:
     return LoadedXcorr(model.eval(), metadata)
 
 
-def _with_sorted_header(content: bytes) -> bytes:
+def with_sorted_header(content: bytes) -> bytes:
     """Return the same safetensors file with its header in order, so equal weights are equal bytes.
 
     The format is eight bytes of header length (little-endian), the header as JSON padded with
