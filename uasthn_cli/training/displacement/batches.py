@@ -115,16 +115,28 @@ def as_pair(sample: MatchSample, config: DisplacementConfig) -> _Pair:
     Raises:
         TrainingDataError: the sample's corners are not finite.
     """
-    corners = torch.from_numpy(np.asarray(sample.corners_px, np.float64))
+    satellite, first_px = _at_ratio(sample, config.width_ratio)
+    corners = torch.from_numpy(np.asarray(sample.corners_px, np.float64) - first_px)
     if not torch.isfinite(corners).all():
         raise TrainingDataError(f"{sample.name}: its corners are not finite")
     thermal = np.repeat(sample.thermal[..., None], 3, axis=2)
     return _Pair(
-        resize_to_network(_in_unit_range(sample.satellite))[0],
+        resize_to_network(_in_unit_range(satellite))[0],
         resize_to_network(_in_unit_range(thermal))[0],
-        displacement_at_resized(corners, sample.satellite.shape[0]).float(),
-        _fine(sample.satellite, config),
+        displacement_at_resized(corners, satellite.shape[0]).float(),
+        _fine(satellite, config),
     )
+
+
+def width_ratio(dataset: MatchDataset) -> float:
+    """Return how much wider satellite images are than thermal ones, in the first sample.
+
+    Raises:
+        TrainingDataError: the data set is empty.
+    """
+    _require_samples(dataset)
+    sample = dataset[0]
+    return float(sample.satellite.shape[0] / sample.thermal.shape[0])
 
 
 def fingerprint(dataset: MatchDataset) -> str:
@@ -133,14 +145,32 @@ def fingerprint(dataset: MatchDataset) -> str:
     Raises:
         TrainingDataError: the data set is empty.
     """
-    if len(dataset) == 0:
-        raise TrainingDataError("the data set holds no pair to learn from")
+    _require_samples(dataset)
     digest = hashlib.sha256()
     for index in range(min(len(dataset), _PROBES)):
         sample = dataset[index]
         for array in (sample.satellite, sample.thermal, np.asarray(sample.corners_px)):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def _require_samples(dataset: MatchDataset) -> None:
+    if len(dataset) == 0:
+        raise TrainingDataError("the data set holds no pair to learn from")
+
+
+def _at_ratio(sample: MatchSample, ratio: float) -> tuple[NDArray[np.uint8], FloatArray]:
+    """Return the middle of the satellite image at this ratio of widths, and its first pixel.
+
+    Black where it reaches beyond: as the estimators see a map's edge.
+    """
+    width_px, side_px = sample.satellite.shape[0], round(ratio * sample.thermal.shape[0])
+    first_px = (width_px - side_px) // 2
+    before, after = max(0, -first_px), max(0, first_px + side_px - width_px)
+    padded = np.pad(sample.satellite, ((before, after), (before, after), (0, 0)))
+    start = max(0, first_px)
+    cut = padded[start : start + side_px, start : start + side_px]
+    return np.ascontiguousarray(cut), np.full(2, float(first_px))
 
 
 def _in_unit_range(image: NDArray[np.uint8]) -> Tensor:

@@ -11,21 +11,27 @@ FirstStage = Literal["joint", "frozen"]
 PAPER_SATELLITE_PX: Final = 1536
 """W_S of the paper at its 1 m a pixel: the width at which boxes of the second stage are stated."""
 
+PAPER_THERMAL_PX: Final = 512
+"""W_T of the paper, in whose pixels it states crop offsets."""
+
 
 @dataclass(frozen=True, slots=True)
 class DisplacementConfig:
     """Losses, length and pace of a run; the defaults are the paper's (sec. IV).
 
-    The first ``plain_steps`` see whole thermal images only, the others ``views`` (N_C) of each, the
-    whole image among them; in both parts the learning rate falls linearly to zero. The paper states
-    no batch size and no weight decay. ``first_stage`` and the boxes are of ``sthn``: edges of the
-    first stage's bounding box move by up to ``box_augmentation_px`` in training, and the box is
-    ``box_expansion_px`` wider in validation, both of 1536 px.
+    ``width_ratio`` is how much wider a satellite image is than a thermal one: displacements hold
+    for one ratio alone, so satellite images are cut or padded to it. The first ``plain_steps`` see
+    whole thermal images only, the others ``views`` (N_C) of each, the whole image among them; in
+    both parts the learning rate falls linearly to zero. The paper states no batch size and no
+    weight decay. ``first_stage`` and the boxes are of ``sthn``: edges of the first stage's bounding
+    box move by up to ``box_augmentation_px`` in training, and the box is ``box_expansion_px`` wider
+    in use, both of 1536 px.
     """
 
     network: NetworkName
     steps: int
     batch: int = 16
+    width_ratio: float = PAPER_SATELLITE_PX / PAPER_THERMAL_PX
     plain_steps: int = 0
     views: int = 1
     crop_offset_fraction: float = CROP_OFFSET_FRACTION
@@ -45,6 +51,22 @@ class DisplacementConfig:
     bfloat16: bool = False
     workers: int = 1
     checkpoint_every: int = 50
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense together.
+
+        Raises:
+            ValueError: it does not, and why.
+        """
+        if self.direct_modeling and self.network == "dhn":
+            raise ValueError("dhn has no second head for Direct Modeling: use ihn or sthn")
+        if self.direct_modeling and self.views > 1:
+            raise ValueError(
+                "Direct Modeling and crops are two ways to the same uncertainty, and the paper"
+                " defines no loss for both: choose one"
+            )
+        if self.first_stage == "frozen" and self.network != "sthn":
+            raise ValueError(f"{self.network} has but one stage: nothing to freeze")
 
     def views_at(self, step: int) -> int:
         """Return how many views of each thermal image a step sees, counted from 0."""

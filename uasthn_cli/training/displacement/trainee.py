@@ -1,4 +1,4 @@
-"""A displacement network in training: built, begun from weights, or taken from a checkpoint."""
+"""A displacement network in training, from its beginning or from a checkpoint."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -7,8 +7,6 @@ from typing import Final
 import torch
 from torch import nn
 
-from uasthn_cli.matching.displacement.dhn import DirectHomographyNetwork
-from uasthn_cli.matching.displacement.ihn import IhnArchitecture, IterativeHomographyNetwork
 from uasthn_cli.matching.displacement.sthn import TwoStageHomographyNetwork
 from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.training.displacement.config import DisplacementConfig
@@ -29,17 +27,6 @@ DISPLACEMENT_OPTIONS: Final = {
     "initial": "--init",
 }
 """How settings of ``uasthn train`` for displacement networks are typed."""
-
-
-def build_network(config: DisplacementConfig) -> nn.Module:
-    """Return a network as published, with random weights of the seed."""
-    torch.manual_seed(config.seed)
-    if config.network == "dhn":
-        return DirectHomographyNetwork()
-    first = IhnArchitecture(has_uncertainty_head=config.direct_modeling)
-    if config.network == "ihn":
-        return IterativeHomographyNetwork(first)
-    return TwoStageHomographyNetwork(first)
 
 
 def open_displacement_trainee(
