@@ -8,6 +8,9 @@ from uasthn_cli.config import CROP_OFFSET_FRACTION
 NetworkName = Literal["dhn", "ihn", "sthn"]
 FirstStage = Literal["joint", "frozen"]
 
+LEARNING_RATE: Final = 1e-4
+"""The paper's largest."""
+
 PAPER_SATELLITE_PX: Final = 1536
 """W_S of the paper at its 1 m a pixel: the width at which boxes of the second stage are stated."""
 
@@ -39,7 +42,7 @@ class DisplacementConfig:
     iterations: int = 6
     fine_iterations: int = 6
     decay: float = 0.85
-    learning_rate: float = 1e-4
+    learning_rate: float = LEARNING_RATE
     weight_decay: float = 1e-4
     gradient_clip: float = 1.0
     first_stage: FirstStage = "joint"
