@@ -58,7 +58,8 @@ def test_all_files_are_there_and_nothing_else(job: TgmJob) -> None:
     assert names == ["t.checkpoint.pt", "t.log.csv", "t.md", "t.safetensors"]
     loaded = load_generator(job.out)
     assert loaded.architecture == job.config.architecture
-    assert (loaded.size_px, loaded.gsd_m) == (64, pytest.approx(2.5))
+    assert loaded.size_px == 64
+    assert loaded.gsd_m == pytest.approx(2.5)
     table = pd.read_csv(run.paths.log)
     assert list(table["step"]) == [2, 4]
     assert table.notna().all(axis=None)

@@ -191,9 +191,9 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 def test_memory_does_not_grow_with_the_map(tmp_path: Path) -> None:
     if sys.platform != "linux":
         pytest.skip("peak memory is counted in other units here")
-    weights = write_tiny_generator(tmp_path / "t.safetensors")
+    weights = write_tiny_generator(tmp_path / "t.safetensors", size_px=256)
     peaks_mb = []
-    for side_px in (300, 30_000):
+    for side_px in (600, 12_000):
         path = tmp_path / f"{side_px}.tif"
         with rasterio.open(
             path,
@@ -215,4 +215,4 @@ def test_memory_does_not_grow_with_the_map(tmp_path: Path) -> None:
             [sys.executable, "-c", PROBE, weights, path], capture_output=True, text=True, check=True
         )
         peaks_mb.append(float(run.stdout))
-    assert peaks_mb[1] < peaks_mb[0] + 250
+    assert peaks_mb[1] < peaks_mb[0] + 130  # a map of floats would be 576 MB
