@@ -12,7 +12,7 @@ from affine import Affine
 from click.testing import CliRunner, Result
 from tiny_tgm import TINY_UNET, pair, write_tiny_generator
 
-from uasthn_cli.commands import tgm
+from uasthn_cli.commands import tgm_train
 from uasthn_cli.commands.main import main
 from uasthn_cli.errors import (
     DatasetError,
@@ -177,19 +177,19 @@ def test_nonsense_is_a_usage_error(typed: str, pairs: Path, tmp_path: Path) -> N
 
 
 def test_presets_and_what_changes_them() -> None:
-    paper = tgm._config("paper-tgm", "unet", None, 30, None, 1, 0, 500)
+    paper = tgm_train._config("paper-tgm", "unet", None, 30, None, 1, 0, 500)
     assert (paper.steps, paper.architecture.width, paper.discriminator_width) == (6000, 64, 64)
     assert (paper.learning_rate, paper.betas, paper.l1_weight) == (2e-4, (0.5, 0.999), 100.0)
-    assert tgm._config("paper-tgm", "unet", None, 30, None, 4, 0, 500).steps == 1600
-    laptop = tgm._config("laptop", "resnet", None, 30, 70, 1, 0, 500)
+    assert tgm_train._config("paper-tgm", "unet", None, 30, None, 4, 0, 500).steps == 1600
+    laptop = tgm_train._config("laptop", "resnet", None, 30, 70, 1, 0, 500)
     assert (laptop.steps, laptop.architecture.width) == (70, 16)
     assert laptop.architecture.kind is GeneratorKind.RESNET
-    assert tgm._config("laptop", "unet", 8, 30, None, 1, 0, 500).discriminator_width == 8
+    assert tgm_train._config("laptop", "unet", 8, 30, None, 1, 0, 500).discriminator_width == 8
 
 
 def test_choices_offered_are_those_there_are() -> None:
-    assert tuple(GeneratorKind) == tgm._GENERATORS
-    assert tuple(Preset) == tgm._PRESETS
+    assert tuple(GeneratorKind) == tgm_train.GENERATORS
+    assert tuple(Preset) == tgm_train.PRESETS
 
 
 @pytest.mark.parametrize("name", ["train", "generate"])
