@@ -2,7 +2,7 @@
 
 import io
 import pickle
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -89,9 +89,15 @@ def load_checkpoint(path: Path) -> TrainingState:
         ) from error
 
 
-def require_same_run(path: Path, saved: dict[str, Any], wanted: dict[str, Any]) -> None:
+def require_same_run(
+    path: Path,
+    saved: dict[str, Any],
+    wanted: dict[str, Any],
+    written_as: Mapping[str, str] = _WRITTEN_AS,
+) -> None:
     """Check that going on with other settings would end where an unbroken run ends.
 
+    ``written_as`` gives settings, by their dotted names, the names of the command's options.
     Settings that a checkpoint does not know (it was written by an older version) are not compared.
 
     Raises:
@@ -106,7 +112,7 @@ def require_same_run(path: Path, saved: dict[str, Any], wanted: dict[str, Any]) 
             "" if is_digest else f" ({_said(saved_flat[name])}, now {_said(wanted_flat[name])})"
         )
         raise TrainingDataError(
-            f"{path}: was begun with another {_WRITTEN_AS.get(name, name)}{values}; give the same"
+            f"{path}: was begun with another {written_as.get(name, name)}{values}; give the same"
             " again, choose another --out, or delete the checkpoint to start anew"
         )
 

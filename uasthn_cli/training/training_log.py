@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -29,18 +30,47 @@ class _Earlier:
     seconds: float
 
 
-class TrainingLog:
-    """Rows by step; the file is replaced as a whole with every row."""
+class StepLog:
+    """Rows by step; the file is replaced as a whole with every row.
+
+    The first two columns are the step and the seconds that the run has taken.
+    """
+
+    def __init__(self, path: Path, step: int, columns: Sequence[str]) -> None:
+        """Go on after ``step``: earlier rows stay, later ones (never checkpointed) go.
+
+        Raises:
+            OutputError: the file is not a log of training with these columns.
+        """
+        self._path, self._columns = path, tuple(columns)
+        has_earlier = step > 0 and path.exists()
+        earlier = _read(path, step, self._columns) if has_earlier else _Earlier({}, 0.0)
+        self._rows, self._seconds_before = earlier.rows, earlier.seconds
+
+    def write_row(self, step: int, seconds: float, figures: Sequence[str]) -> None:
+        """Write the row of a step, or write it again; ``seconds`` are those since this start.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        self._rows[step] = [str(step), f"{self._seconds_before + seconds:.1f}", *figures]
+        buffer = io.StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        writer.writerow(self._columns)
+        writer.writerows(self._rows.values())
+        write_text(self._path, buffer.getvalue())
+
+
+class TrainingLog(StepLog):
+    """The log of ``uasthn train``."""
 
     def __init__(self, path: Path, step: int) -> None:
-        """Go on after ``step``: earlier rows stay, later ones (never checkpointed) go.
+        """Go on after ``step``.
 
         Raises:
             OutputError: the file is not a log of training.
         """
-        self._path = path
-        earlier = _read(path, step) if step > 0 and path.exists() else _Earlier({}, 0.0)
-        self._rows, self._seconds_before = earlier.rows, earlier.seconds
+        super().__init__(path, step, COLUMNS)
 
     def record(self, progress: Progress, validation: Validation | None = None) -> None:
         """Write the row of a step, or write it again with its validation.
@@ -49,7 +79,6 @@ class TrainingLog:
             OutputError: the file cannot be written.
         """
         figures = [
-            f"{self._seconds_before + progress.seconds:.1f}",
             f"{progress.loss:.4f}",
             f"{progress.median_error_px:.3f}",
             f"{progress.within_4_px:.4f}",
@@ -58,21 +87,16 @@ class TrainingLog:
             figures += ["", ""]
         else:
             figures += [f"{validation.median_error_px:.3f}", f"{validation.within_4_px:.4f}"]
-        self._rows[progress.step] = [str(progress.step), *figures]
-        buffer = io.StringIO()
-        writer = csv.writer(buffer, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        writer.writerows(self._rows.values())
-        write_text(self._path, buffer.getvalue())
+        self.write_row(progress.step, progress.seconds, figures)
 
 
-def _read(path: Path, step: int) -> _Earlier:
+def _read(path: Path, step: int, columns: tuple[str, ...]) -> _Earlier:
     """Return the rows up to a step and the time that the last of them states."""
     refusal = f"{path}: not a log of training; move it away or choose another --out"
     try:
         with path.open(newline="", encoding="utf-8") as file:
             header, *rows = csv.reader(file)
-        if tuple(header) != COLUMNS:
+        if tuple(header) != columns:
             raise OutputError(refusal)
         kept = {int(row[0]): row for row in rows if int(row[0]) <= step}
         return _Earlier(kept, max((float(row[1]) for row in kept.values()), default=0.0))

@@ -1,0 +1,1 @@
+"""Thermal generation (the paper's TGM): satellite colours to thermal grey, by pix2pix."""
