@@ -22,6 +22,7 @@ COMMANDS: Final = {
     "calibrate": "uasthn_cli.commands.calibrate:calibrate",
     "demo": "uasthn_cli.commands.demo:demo",
     "train": "uasthn_cli.commands.train:train",
+    "evaluate": "uasthn_cli.commands.evaluate:evaluate",
     "synth": "uasthn_cli.commands.synth:synth",
     "cameras": "uasthn_cli.commands.cameras:cameras",
     "completion": "uasthn_cli.commands.completion:completion",

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
@@ -85,12 +86,13 @@ def accuracy_table(rows: Sequence[AccuracyRow], tolerance_m: float) -> list[list
     labels = ("MACE m", "CE m", "accepted", f"of these ≤ {tolerance_m:g} m", "AUC")
     header = ["run", "UE", "samples"]
     header += [f"{_offset(offset)}{label}" for offset in offsets for label in labels]
-    lines = {(row.run, row.ue): [row.run, row.ue, str(row.scores.samples)] for row in rows}
     by_place = {(row.run, row.ue, row.max_offset_m): row.scores for row in rows}
-    for (run, ue), cells in lines.items():
-        for offset in offsets:
-            cells += _score_cells(by_place.get((run, ue, offset)))
-    return [header, *lines.values()]
+    samples = {(row.run, row.ue): row.scores.samples for row in rows}
+    lines = []
+    for (run, ue), count in samples.items():
+        groups = [_score_cells(by_place.get((run, ue, offset))) for offset in offsets]
+        lines.append([run, ue, str(count), *itertools.chain(*groups)])
+    return [header, *lines]
 
 
 def timing_table(rows: Sequence[TimingRow]) -> list[list[str]]:
@@ -107,12 +109,12 @@ def timing_table(rows: Sequence[TimingRow]) -> list[list[str]]:
 
 def accuracy_csv(rows: Sequence[AccuracyRow]) -> str:
     """Return one line per row; what there is none of stays empty."""
-    return _csv([_flat(row) for row in rows])
+    return rows_csv([_flat(row) for row in rows])
 
 
 def timing_csv(rows: Sequence[TimingRow]) -> str:
     """Return one line per row; what there is none of stays empty."""
-    return _csv([asdict(row) for row in rows])
+    return rows_csv([asdict(row) for row in rows])
 
 
 def evaluation_json(
@@ -151,7 +153,8 @@ def _flat(row: AccuracyRow) -> dict[str, object]:
     return named | asdict(row.scores)
 
 
-def _csv(rows: Sequence[dict[str, object]]) -> str:
+def rows_csv(rows: Sequence[dict[str, object]]) -> str:
+    """Return dictionaries of the same keys as CSV; None stays empty."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()
