@@ -57,6 +57,8 @@ What is rejected of the paper's failure cases:
   uasthn evaluate --stress flights/farms --hfov 45 --out out/stress
 """
 
+_RENDERED_FRAMES: Final = 24
+
 
 @click.command(
     cls=SectionedCommand, epilog=_EXAMPLES, short_help="The paper's evaluation on pairs of images."
@@ -208,14 +210,12 @@ def _run_stress(
     with TemporaryDirectory() as scratch:
         flights = [Path(name) for name in inputs]
         if not flights:
-            flights = render_flights(Path(scratch), 24, spec.seed + 1)
-            hfov = _rendered_camera()
-            suite = replace(suite, spec=replace(spec, camera=hfov, samples=spec.samples))
+            flights = render_flights(Path(scratch), _RENDERED_FRAMES, spec.seed + 1)
+            suite = replace(suite, spec=replace(spec, camera=_rendered_camera()))
         rows = []
         for row in suite.rows(flights):
-            say(
-                f"{row.flight}: {row.category} {row.severity:g}: {row.rejected_fraction:.0%} rejected"
-            )
+            rejected = f"{row.rejected_fraction:.0%} of {row.frames} rejected"
+            say(f"{row.flight}: {row.category} {row.severity:g}: {rejected}")
             rows.append(row)
     print_table(folder.write_stress(rows))
 

@@ -128,7 +128,7 @@ class EvaluationFolder:
             for method in methods:
                 if refusal(run, method) is None:
                     judged = judge(run, method, judging)
-                    curves.append(Curve(f"{name}{place}, {method}", judged))
+                    curves.append(Curve(f"{name}{place}", method, judged))
         files = []
         for file_format in _FORMATS:
             for figure, content in draw_evaluation(curves, tolerance_m, file_format).items():

@@ -31,15 +31,22 @@ _STYLES: Final[tuple[dict[str, Any], ...]] = (
     {"color": "#56B4E9", "linestyle": (0, (6, 2, 1.2, 2, 1.2, 2))},
     {"color": "#000000", "linestyle": (0, (8, 3))},
 )
-_BINS: Final = 40
+_BINS: Final = (5, 40)
+"""Fewest and most bins of the histogram."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One method on one run, and its name in the legend."""
+    """One method on one run."""
 
-    label: str
+    run: str
+    method: str
     judged: Judged
+
+    @property
+    def label(self) -> str:
+        """The name in the legend."""
+        return f"{self.run}, {self.method}"
 
 
 def draw_evaluation(
@@ -76,16 +83,20 @@ def _roc_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure | None:
     return figure
 
 
-def _histogram_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure | None:
+def _histogram_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure:
     """Draw how errors are distributed (Fig. 5)."""
     figure, axes = new_figure()
     largest_m = max(float(curve.judged.mace_m.max()) for curve in curves)
     smallest_m = min(float(curve.judged.mace_m.min()) for curve in curves)
-    edges_m = np.geomspace(max(smallest_m, 0.1), max(largest_m, 1.0) * 1.001, _BINS + 1)
+    fewest = min(curve.judged.mace_m.size for curve in curves)
+    bins = int(np.clip(2.0 * np.sqrt(fewest), *_BINS))
+    edges_m = np.geomspace(max(smallest_m, 0.1), max(largest_m, 1.0) * 1.001, bins + 1)
+    runs = [curve.run for curve in curves]
     for curve, style in _styled(curves):
         mace_m = np.maximum(curve.judged.mace_m, edges_m[0])
         share = np.histogram(mace_m, edges_m)[0] / mace_m.size
-        label = f"{curve.label}: median {np.median(mace_m):.1f} m"
+        name = curve.run if runs.count(curve.run) == 1 else curve.label
+        label = f"{name}: median {np.median(mace_m):.1f} m"
         axes.stairs(share, edges_m, label=label, linewidth=2.0, **style)
     axes.axvline(tolerance_m, label=f"{tolerance_m:g} m", linestyle="-", **REFERENCE)
     axes.set_xscale("log")
@@ -98,7 +109,7 @@ def _histogram_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure | N
     return figure
 
 
-def _acceptance_figure(curves: Sequence[Curve]) -> Figure | None:
+def _acceptance_figure(curves: Sequence[Curve]) -> Figure:
     """Draw accepted fraction against the MACE of what is accepted, over thresholds (Fig. 3)."""
     figure, axes = new_figure()
     for curve, style in _styled(curves):
@@ -111,8 +122,7 @@ def _acceptance_figure(curves: Sequence[Curve]) -> Figure | None:
             color = style["color"]
             mean_m = float(judged.mace_m.mean())
             axes.plot(mean_m, 1.0, "D", color=color, label=curve.label, clip_on=False)
-    if not axes.lines:
-        return None
+    axes.plot([], [], "o", color="#555555", markersize=8, label="the threshold in use")
     axes.set_xlabel("mean MACE of accepted samples [m]")
     axes.set_ylabel("accepted fraction")
     axes.set_xlim(left=0.0)

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
@@ -81,18 +80,16 @@ def timing_rows(runs: Sequence[Predictions]) -> list[TimingRow]:
 
 
 def accuracy_table(rows: Sequence[AccuracyRow], tolerance_m: float) -> list[list[str]]:
-    """Return cells, the header first: a group of columns per D_C."""
-    offsets = list(dict.fromkeys(row.max_offset_m for row in rows))
-    labels = ("MACE m", "CE m", "accepted", f"of these ≤ {tolerance_m:g} m", "AUC")
-    header = ["run", "UE", "samples"]
-    header += [f"{_offset(offset)}{label}" for offset in offsets for label in labels]
-    by_place = {(row.run, row.ue, row.max_offset_m): row.scores for row in rows}
-    samples = {(row.run, row.ue): row.scores.samples for row in rows}
+    """Return cells, the header first."""
+    header = ["run", "UE", "D_C m", "samples", "MACE m", "CE m", "accepted"]
     lines = []
-    for (run, ue), count in samples.items():
-        groups = [_score_cells(by_place.get((run, ue, offset))) for offset in offsets]
-        lines.append([run, ue, str(count), *itertools.chain(*groups)])
-    return [header, *lines]
+    for row in rows:
+        scores = row.scores
+        cells = [row.run, row.ue, _plain(row.max_offset_m), str(scores.samples)]
+        cells += [_number(scores.mace_m, 2), _number(scores.ce_m, 2)]
+        cells += [_number(scores.accepted_fraction, 3), _number(scores.accepted_within, 3)]
+        lines.append([*cells, _number(scores.auc, 3)])
+    return [[*header, f"of these ≤ {tolerance_m:g} m", "AUC"], *lines]
 
 
 def timing_table(rows: Sequence[TimingRow]) -> list[list[str]]:
@@ -161,22 +158,6 @@ def rows_csv(rows: Sequence[dict[str, object]]) -> str:
     for row in rows:
         writer.writerow({key: "" if value is None else value for key, value in row.items()})
     return text.getvalue()
-
-
-def _score_cells(scores: Scores | None) -> list[str]:
-    if scores is None:
-        return [_NONE] * 5
-    return [
-        _number(scores.mace_m, 2),
-        _number(scores.ce_m, 2),
-        _number(scores.accepted_fraction, 3),
-        _number(scores.accepted_within, 3),
-        _number(scores.auc, 3),
-    ]
-
-
-def _offset(offset_m: float | None) -> str:
-    return "" if offset_m is None else f"D_C {offset_m:g}: "
 
 
 def _number(value: float | None, digits: int) -> str:
