@@ -279,6 +279,11 @@ def _settings(source: str, spec: Any, values: dict[str, Any]) -> "tuple[Settings
         window_m=spec.window_m,
         width_px=width_px,
         device=values["device"],
+        thermal_m=spec.thermal_m,
+        gsd_m=spec.gsd_m,
+        samples=spec.samples,
         split=spec.split,
+        camera=str(spec.camera),
+        symmetries=values["symmetries"] if estimator == "xcorr" else None,
     )
     return settings, ProtocolConfig(crops, width_px)

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 
@@ -49,9 +50,13 @@ def run_names(settings: Sequence[Settings]) -> list[str]:
         if field.name not in _UNNAMED and len({getattr(one, field.name) for one in settings}) > 1
     ]
     names = []
+    taken: Counter[tuple[str, float | None]] = Counter()
     for one in settings:
         parts = [f"{name.replace('_', ' ')} {_plain(getattr(one, name))}" for name in varying]
-        names.append(", ".join([one.estimator, *parts]))
+        name = ", ".join([one.estimator, *parts])
+        taken[name, one.max_offset_m] += 1
+        number = taken[name, one.max_offset_m]
+        names.append(name if number == 1 else f"{name} #{number}")
     return names
 
 
