@@ -23,6 +23,7 @@ COMMANDS: Final = {
     "demo": "uasthn_cli.commands.demo:demo",
     "train": "uasthn_cli.commands.train:train",
     "tgm": "uasthn_cli.commands.tgm:tgm",
+    "evaluate": "uasthn_cli.commands.evaluate:evaluate",
     "synth": "uasthn_cli.commands.synth:synth",
     "cameras": "uasthn_cli.commands.cameras:cameras",
     "completion": "uasthn_cli.commands.completion:completion",
