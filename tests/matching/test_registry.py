@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 import torch
+from small_displacement_models import small_weights
 
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
-from uasthn_cli.matching.registry import ESTIMATORS, open_estimator
+from uasthn_cli.matching.registry import DISPLACEMENT_ESTIMATORS, ESTIMATORS, open_estimator
 from uasthn_cli.matching.weights import serialise_xcorr
 
 
@@ -20,8 +21,10 @@ def weights(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_estimators_answer_to_their_name(name: str, weights: Path) -> None:
-    path = weights if name == "xcorr" else None
+def test_estimators_answer_to_their_name(name: str, weights: Path, tmp_path: Path) -> None:
+    path = {"xcorr": weights, "ncc": None}.get(name, tmp_path / f"{name}.safetensors")
+    if name in DISPLACEMENT_ESTIMATORS:
+        small_weights(tmp_path, name)
     estimator = open_estimator(name, weights_path=path, device="cpu")
     assert estimator.name == name
     assert estimator.halo_px % estimator.stride_px == 0
@@ -32,8 +35,14 @@ def test_weights_for_an_estimator_without_any_are_refused(weights: Path) -> None
         open_estimator("ncc", weights_path=weights)
 
 
+@pytest.mark.parametrize("name", ["xcorr", "ncc", "vismatch:xfeat"])
+def test_early_stopping_of_an_estimator_without_steps_is_refused(name: str) -> None:
+    with pytest.raises(WeightsError, match="no steps that could be stopped"):
+        open_estimator(name, ue_iterations=2)
+
+
 def test_an_unknown_estimator_is_named_with_those_known() -> None:
-    with pytest.raises(ValueError, match="unknown estimator 'sift'; known: xcorr, ncc"):
+    with pytest.raises(ValueError, match="unknown estimator 'sift'; known: xcorr, ncc, dhn"):
         open_estimator("sift")
 
 

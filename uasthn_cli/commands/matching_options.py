@@ -23,7 +23,7 @@ from uasthn_cli.config import (
     Sampling,
 )
 
-ESTIMATORS: Final = ("xcorr", "ncc")
+ESTIMATORS: Final = ("xcorr", "ncc", "dhn", "ihn", "sthn")
 DEVICES: Final = ("auto", "cpu", "cuda")
 
 _CONFIG: Final = GeotagConfig()
@@ -98,8 +98,8 @@ matching_options: Final = gathered(
         default=_CONFIG.estimator,
         metavar="|".join([*ESTIMATORS, "vismatch:NAME"]),
         show_default=True,
-        help="Learned cross-correlation, plain normalised correlation of grey values, or a matcher"
-        " of the vismatch package.",
+        help="Learned cross-correlation, plain normalised correlation of grey values, a network of"
+        " the paper's (give --weights), or a matcher of the vismatch package.",
     ),
     search_option(
         "--device",

@@ -8,7 +8,10 @@ from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.ncc import NccEstimator
 from uasthn_cli.types import Estimator
 
-ESTIMATORS = ("xcorr", "ncc")
+DISPLACEMENT_ESTIMATORS = ("dhn", "ihn", "sthn")
+"""The paper's networks: they regress corners, and need weights of the user's."""
+
+ESTIMATORS = ("xcorr", "ncc", *DISPLACEMENT_ESTIMATORS)
 """Besides these, ``vismatch:NAME`` for the matchers of an optional package."""
 
 SECOND_SCALES = {"xcorr": 0.5}
@@ -27,18 +30,23 @@ def open_estimator(
     symmetries: int = DEFAULT_SYMMETRIES,
     ensemble: bool = False,
     appearance: bool = True,
+    ue_iterations: int | None = None,
 ) -> Estimator:
     """Return an estimator ready for use; ``device`` is ``auto``, ``cpu`` or ``cuda``.
 
-    Without ``appearance``, ``xcorr`` counts nothing but learned features.
+    Without ``appearance``, ``xcorr`` counts nothing but learned features. ``ihn`` and ``sthn`` drop
+    all views but the whole frame after ``ue_iterations`` steps (paper: early stopping).
 
     Raises:
-        WeightsError: the weights cannot be used, or the estimator takes none.
+        WeightsError: the weights cannot be used, are missing, or the estimator takes none; an
+            ensemble or early stopping that the estimator does not have.
         MissingExtraError: the estimator needs an optional package that is not installed.
         ValueError: no estimator has that name.
     """
     if ensemble and name != "xcorr":
         raise WeightsError(f"--estimator {name} has no ensemble; leave out --ensemble")
+    if ue_iterations is not None and name not in DISPLACEMENT_ESTIMATORS:
+        raise WeightsError(f"--estimator {name} takes no steps that could be stopped early")
     if name == "ncc":
         if weights_path is not None:
             raise WeightsError("--estimator ncc uses no weights; leave out --weights")
@@ -50,6 +58,10 @@ def open_estimator(
         estimator = xcorr.open_xcorr(
             weights_path, device, symmetries, ensemble=ensemble, appearance=appearance
         )
+        return estimator
+    if name in DISPLACEMENT_ESTIMATORS:
+        displacement = import_module("uasthn_cli.matching.displacement.estimator")
+        estimator = displacement.open_displacement(name, weights_path, device, ue_iterations)
         return estimator
     if name.startswith("vismatch:"):
         vismatch = import_module("uasthn_cli.matching.vismatch")

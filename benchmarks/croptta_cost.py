@@ -1,0 +1,88 @@
+"""What CropTTA costs the paper's networks on the CPU: N views against one, in one run.
+
+    python benchmarks/croptta_cost.py [--weights FILE] [--views 5] [--threads 1]
+
+Views share the satellite image's features; all else is the views' own. Without weights, those of
+the published size are random: cost does not depend on them. Rounds alternate between one view and
+several, and the smallest time of each counts, so that other load on the machine weighs little.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+import numpy as np
+import torch
+from tables import machine_line, markdown_table, number, use_threads
+
+from uasthn_cli.config import Sampling
+from uasthn_cli.geometry.crops import crop_corners_px
+from uasthn_cli.matching.displacement.agreement import EarlyStop, crop_agreement
+from uasthn_cli.matching.displacement.checkpoints import load_displacement
+from uasthn_cli.matching.displacement.ihn import IterativeHomographyNetwork
+from uasthn_cli.matching.displacement.model import DisplacementModel
+from uasthn_cli.matching.memory import keep_freed_memory
+
+_OFFSET_PX = 16.0
+"""The paper's 32 of 512 pixels, at W_R."""
+
+
+def seconds(run: Callable[[], object]) -> float:
+    """Return the wall-clock time of one call."""
+    started_s = time.perf_counter()
+    run()
+    return time.perf_counter() - started_s
+
+
+@click.command()
+@click.option("--weights", type=click.Path(exists=True, path_type=Path))
+@click.option("--views", type=click.IntRange(min=2), default=5, show_default=True)
+@click.option("--rounds", type=click.IntRange(min=1), default=5, show_default=True)
+@click.option("--threads", type=click.IntRange(min=1), default=1, show_default=True)
+@torch.inference_mode()
+def main(weights: Path | None, views: int, rounds: int, threads: int) -> None:
+    """Measure what CropTTA costs on the CPU."""
+    use_threads(threads)
+    keep_freed_memory()
+    torch.manual_seed(0)
+    model = (
+        DisplacementModel(IterativeHomographyNetwork())
+        if weights is None
+        else load_displacement(weights)
+    )
+    network, steps = model.network.eval(), model.settings.iterations
+    satellite, thermal = torch.rand(1, 3, 256, 256), torch.rand(1, 1, 256, 256).expand(1, 3, -1, -1)
+    rng = np.random.default_rng(0)
+    offset_px = (_OFFSET_PX, _OFFSET_PX)
+    crops = torch.from_numpy(
+        crop_corners_px((256, 256), views, offset_px, Sampling.RANDOM, rng)
+    ).float()
+
+    def several(stop: EarlyStop | None) -> object:
+        return crop_agreement(
+            network, network.encode_satellite(satellite), thermal, crops, steps, stop
+        )
+
+    runs: dict[str, Callable[[], object]] = {
+        "satellite features alone": lambda: network.encode_satellite(satellite),
+        "one view": lambda: network(satellite, thermal, steps),
+        f"{views} views": lambda: several(None),
+    }
+    if network.is_iterative:
+        runs[f"{views} views, stopped after 3 steps"] = lambda: several(EarlyStop(3))
+        runs[f"{views} views, stopped after 1 step"] = lambda: several(EarlyStop(1))
+    best_s = dict.fromkeys(runs, float("inf"))
+    for _ in range(rounds):
+        for name, run in runs.items():
+            best_s[name] = min(best_s[name], seconds(run))
+    rows = [
+        [name, number(1000.0 * taken_s, 0), number(taken_s / best_s["one view"], 2)]
+        for name, taken_s in best_s.items()
+    ]
+    click.echo(markdown_table([model.name, "ms", "× one view"], rows))
+    click.echo(machine_line(threads))
+
+
+if __name__ == "__main__":
+    main()

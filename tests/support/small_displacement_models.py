@@ -1,0 +1,32 @@
+"""Displacement models small enough for tests, with random weights."""
+
+from pathlib import Path
+
+import torch
+
+from uasthn_cli.matching.displacement.checkpoints import serialise_model
+from uasthn_cli.matching.displacement.dhn import DhnArchitecture, DirectHomographyNetwork
+from uasthn_cli.matching.displacement.ihn import IhnArchitecture, IterativeHomographyNetwork
+from uasthn_cli.matching.displacement.model import DisplacementModel, ModelSettings
+
+FIRST = IhnArchitecture(block_widths=(8, 8), feature_channels=8, update_channels=8)
+SECOND = IhnArchitecture(levels=2, block_widths=(8, 8), feature_channels=8, update_channels=8)
+SETTINGS = ModelSettings(width_ratio=3.0, iterations=2, second_iterations=1)
+
+
+def small_model(name: str, seed: int = 1) -> DisplacementModel:
+    """Return a ``dhn``, ``ihn`` or ``sthn``."""
+    torch.manual_seed(seed)
+    if name == "dhn":
+        network = DirectHomographyNetwork(DhnArchitecture((8, 8, 8, 8, 8), 16)).eval()
+        return DisplacementModel(network, None, SETTINGS)
+    first = IterativeHomographyNetwork(FIRST).eval()
+    second = IterativeHomographyNetwork(SECOND).eval() if name == "sthn" else None
+    return DisplacementModel(first, second, SETTINGS)
+
+
+def small_weights(folder: Path, name: str) -> Path:
+    """Write a small model's weights in our own layout and return their path."""
+    path = folder / f"{name}.safetensors"
+    path.write_bytes(serialise_model(small_model(name)))
+    return path
