@@ -23,6 +23,7 @@ COMMANDS: Final = {
     "demo": "uasthn_cli.commands.demo:demo",
     "train": "uasthn_cli.commands.train:train",
     "synth": "uasthn_cli.commands.synth:synth",
+    "models": "uasthn_cli.commands.models:models",
     "cameras": "uasthn_cli.commands.cameras:cameras",
     "completion": "uasthn_cli.commands.completion:completion",
 }
