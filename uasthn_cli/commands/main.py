@@ -25,6 +25,7 @@ COMMANDS: Final = {
     "tgm": "uasthn_cli.commands.tgm:tgm",
     "evaluate": "uasthn_cli.commands.evaluate:evaluate",
     "synth": "uasthn_cli.commands.synth:synth",
+    "models": "uasthn_cli.commands.models:models",
     "cameras": "uasthn_cli.commands.cameras:cameras",
     "completion": "uasthn_cli.commands.completion:completion",
 }
