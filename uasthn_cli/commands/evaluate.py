@@ -210,7 +210,7 @@ def _run_stress(
     with TemporaryDirectory() as scratch:
         flights = [Path(name) for name in inputs]
         if not flights:
-            flights = render_flights(Path(scratch), _RENDERED_FRAMES, spec.seed + 1)
+            flights = render_flights(Path(scratch), spec.samples or _RENDERED_FRAMES, spec.seed + 1)
             suite = replace(suite, spec=replace(spec, camera=_rendered_camera()))
         rows = []
         for row in suite.rows(flights):
