@@ -174,7 +174,7 @@ def test_a_loss_that_is_no_number_ends_the_run_and_keeps_the_last_checkpoint(
     trainee = open_trainee(config, tmp_path / "c.pt", "data")
     steps = train_steps(trainee, SCENES, config, tmp_path / "c.pt")
     next(steps)
-    monkeypatch.setattr(loop, "search_loss", lambda *_: (torch.tensor(torch.nan), None))
+    monkeypatch.setattr(loop, "search_loss", lambda *_: (torch.tensor(torch.nan), torch.zeros(1)))
     with pytest.raises(TrainingDivergedError, match="at step 3; start anew with a smaller"):
         next(steps)
     assert load_checkpoint(tmp_path / "c.pt").step == 2

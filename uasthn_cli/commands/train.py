@@ -1,28 +1,35 @@
 """``uasthn train``: overhead images in, network weights and their model card out."""
 
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
-from uasthn_cli.commands.console import progress, say
-from uasthn_cli.commands.options import output_option
+from uasthn_cli.commands.console import say
+from uasthn_cli.commands.displacement_options import (
+    NETWORKS,
+    AskedDisplacement,
+    displacement_options,
+)
+from uasthn_cli.commands.options import camera_options, output_option
 from uasthn_cli.commands.parameter_types import FiniteRange
 from uasthn_cli.commands.sections import SectionedCommand, section_option
+from uasthn_cli.commands.train_displacement import (
+    refuse_displacement_options,
+    train_displacement,
+)
 from uasthn_cli.commands.training_options import (
     ImagesType,
     network_option,
     training_option,
     training_options,
 )
+from uasthn_cli.commands.training_progress import as_typed, train_to_end, validated
 from uasthn_cli.config import TrainingDefaults
-from uasthn_cli.errors import RunInterruptedError
 
 if TYPE_CHECKING:
-    from uasthn_cli.training.loop import Validation
-    from uasthn_cli.training.run import Report, TrainingRun
+    from uasthn_cli.ingest.cameras import CameraSpec
     from uasthn_cli.training.scenes import RenderedShares
     from uasthn_cli.training.trainee import TrainingConfig
 
@@ -38,17 +45,29 @@ the patterns, the shell must not expand them):
 Without any image, on rendered places only:
   uasthn train --sand-share 0.4 --landscape-share 0.6 --steps 1000 --out rendered.safetensors
 \b
+The paper's two-stage network on pairs, on a GPU; then its first stage alone as
+one of five members of an ensemble:
+  uasthn train boson/ --network sthn --preset paper-sthn --out sthn.safetensors
+  uasthn train boson/ --network ihn --preset paper-ihn --seed 1 --out ihn-1.safetensors
+\b
 Interrupted? Give the same command again: it goes on from the last checkpoint.
 """
 
 _DEFAULTS: Final = TrainingDefaults()
 _ROUNDING: Final = 1e-9
 
-data_option = section_option("Data")
+data_option = section_option("Data of xcorr")
 
 
 @click.command(
-    cls=SectionedCommand, epilog=_EXAMPLES, short_help="Train the network on overhead images."
+    cls=SectionedCommand, epilog=_EXAMPLES, short_help="Train a network on images or pairs."
+)
+@network_option(
+    "--network",
+    type=click.Choice(NETWORKS),
+    default="xcorr",
+    show_default=True,
+    help="Which estimator's network.",
 )
 @data_option(
     "--images",
@@ -94,6 +113,8 @@ data_option = section_option("Data")
     help="Start from these weights, which also say how large the network is, with a new optimiser;"
     " not from random ones.",
 )
+@displacement_options
+@camera_options
 @output_option(
     "--out",
     type=click.Path(path_type=Path),
@@ -111,9 +132,15 @@ def train(
     init: Path | None,
     out: Path,
     overwrite: bool,
+    network: str,
+    asked: AskedDisplacement,
+    camera: "CameraSpec",
     config: "TrainingConfig",
 ) -> None:
-    """Train the network on overhead images; no thermal image is needed.
+    """Train a network; for `xcorr`, on overhead images, no thermal image is needed.
+
+    The paper's networks `dhn`, `ihn` and `sthn` learn from a DATASET of pairs: Boson-nighttime, a
+    table of pairs, a flight with truth, or overhead images whose thermal views are rendered.
 
     What a thermal camera would see is rendered from the images, in another way for every batch.
     A run that was interrupted goes on from its checkpoint, which stays when the run is finished:
@@ -123,10 +150,15 @@ def train(
     same version and number of threads (OMP_NUM_THREADS), the same command gives the same weights
     bit by bit, interrupted or not; a GPU adds in varying order, so there the last digits differ.
     """
+    context = click.get_current_context()
+    if network != "xcorr":
+        train_displacement(context, asked, camera)
+        return
+    refuse_displacement_options(context)
+
     from uasthn_cli.training.run import TrainingJob, TrainingRun
 
-    asked = click.get_current_context().params
-    if init is not None and (asked["widths"] or asked["channels"]):
+    if init is not None and (context.params["widths"] or context.params["channels"]):
         raise click.UsageError("--init says how large the network is: leave --widths, --channels")
     run = TrainingRun(
         TrainingJob(
@@ -137,16 +169,12 @@ def train(
             validate_every=validate_every,
             overwrite=overwrite,
             licence_note=licence_note,
-            command_line=shlex.join(_typed(click.get_current_context())),
+            command_line=shlex.join(as_typed(context)),
             initial_weights=init,
         )
     )
-    _say_start(run, config.steps)
-    try:
-        _train(run, config.steps)
-    except KeyboardInterrupt as interrupt:
-        raise RunInterruptedError(_interrupted(run, config.steps)) from interrupt
-    say(f"{_validated(run.export())}; weights are in {out}, their model card in {run.paths.card}")
+    train_to_end(run, config.steps)
+    say(f"{validated(run.export())}; weights are in {out}, their model card in {run.paths.card}")
 
 
 def _rendered_shares(
@@ -168,63 +196,3 @@ def _rendered_shares(
     if has_images and is_all_rendered:
         raise click.UsageError("--sand-share and --landscape-share leave nothing for --images")
     return RenderedShares(sand_share, landscape_share)
-
-
-def _typed(context: click.Context) -> Iterator[str]:
-    """Yield the command as it was typed, options in the order of the help page."""
-    yield from ("uasthn", "train")
-    for option in context.command.params:
-        name = option.name or ""
-        if context.get_parameter_source(name) is not click.core.ParameterSource.COMMANDLINE:
-            continue
-        value = context.params.get(name)
-        if name == "images":
-            for pattern, weight in value or ():
-                yield from (option.opts[0], f"{pattern}={weight:.12g}")
-        elif isinstance(option, click.Option) and option.is_flag:
-            yield option.opts[0]
-        elif isinstance(option, click.Option) and option.multiple:
-            for part in value or ():
-                yield from (option.opts[0], str(part))
-        elif isinstance(value, tuple):
-            yield from (option.opts[0], ",".join(map(str, value)))
-        else:
-            yield from (option.opts[0], str(value))
-
-
-def _say_start(run: "TrainingRun", steps: int) -> None:
-    if run.saved_step:
-        say(f"going on from step {run.saved_step} of {steps}, which {run.paths.checkpoint} holds")
-    for change in run.changes:
-        say(f"changed on the way: {change}")
-
-
-def _train(run: "TrainingRun", steps: int) -> None:
-    with progress("training", steps, done=run.saved_step, plain_lines=False) as advance:
-        for report in run.train(on_step=advance):
-            say(_report_line(report, steps))
-
-
-def _report_line(report: "Report", steps: int) -> str:
-    figures = report.progress
-    line = (
-        f"step {figures.step} of {steps}: loss {figures.loss:.3f},"
-        f" median error {figures.median_error_px:.2f} px, {figures.within_4_px:.1%} within 4 px"
-    )
-    return line if report.validation is None else f"{line}; {_validated(report.validation)}"
-
-
-def _validated(validation: "Validation") -> str:
-    return (
-        f"validation: median error {validation.median_error_px:.2f} px,"
-        f" {validation.within_4_px:.1%} within 4 px"
-    )
-
-
-def _interrupted(run: "TrainingRun", steps: int) -> str:
-    if run.saved_step == 0:
-        return "interrupted before the first checkpoint; nothing is kept"
-    return (
-        f"interrupted; step {run.saved_step} of {steps} is kept in {run.paths.checkpoint}:"
-        " give the same command again to go on"
-    )

@@ -113,7 +113,7 @@ training_options: Final = gathered(
         default=_DEFAULTS.steps,
         show_default=True,
         metavar="N",
-        help="Batches that the encoders learn from.",
+        help="Batches that are learnt from; of dhn, ihn and sthn the preset says how many.",
     ),
     training_option(
         "--learning-rate",
@@ -121,7 +121,8 @@ training_options: Final = gathered(
         default=_DEFAULTS.learning_rate,
         show_default=True,
         metavar="RATE",
-        help="Held after a short warm-up, then falls to 0 over the last 30 % of the steps.",
+        help="Of xcorr: held after a short warm-up, then falls to 0 over the last 30 % of the steps."
+        " Of the others 1e-4, falling to 0 from the first step.",
     ),
     training_option(
         "--windows",
@@ -129,7 +130,7 @@ training_options: Final = gathered(
         default=_DEFAULTS.windows,
         show_default=True,
         metavar="N",
-        help="Pieces of map in a batch.",
+        help="Of xcorr: pieces of map in a batch.",
     ),
     training_option(
         "--canvases",
@@ -137,15 +138,15 @@ training_options: Final = gathered(
         default=_DEFAULTS.canvases,
         show_default=True,
         metavar="N",
-        help="Thermal views of each piece.",
+        help="Of xcorr: thermal views of each piece.",
     ),
     training_option(
         "--without",
         type=click.Choice(PARTS),
         multiple=True,
         metavar="PART",
-        help="Switch off a part of the data engine, to see what it is worth; can be given several"
-        f" times. Parts: {', '.join(PARTS)}.",
+        help="Of xcorr: switch off a part of the data engine, to see what it is worth; can be given"
+        f" several times. Parts: {', '.join(PARTS)}.",
     ),
     training_option(
         "--seed",
@@ -158,14 +159,14 @@ training_options: Final = gathered(
     network_option(
         "--widths",
         type=WidthsType(),
-        help="Channels of an encoder's four levels, each at half the resolution of the one before."
-        "  [default: as in the weights in the box]",
+        help="Of xcorr: channels of an encoder's four levels, each at half the resolution of the one"
+        " before.  [default: as in the weights in the box]",
     ),
     network_option(
         "--channels",
         type=_AT_LEAST_1,
         metavar="N",
-        help="Channels of the features.  [default: as in the weights in the box]",
+        help="Of xcorr: channels of the features.  [default: as in the weights in the box]",
     ),
     machine_option(
         "--device",

@@ -6,22 +6,35 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Protocol, TypeVar, cast
 
 import cv2
-from torch.utils.data import DataLoader
-
-from uasthn_cli.training.samples import Batch, SampleDataset
+from torch.utils.data import DataLoader, Dataset
 
 _AHEAD = 4
 _LOOK_EVERY_S = 1.0
 
+BatchT = TypeVar("BatchT")
+BatchT_co = TypeVar("BatchT_co", covariant=True)
 
-def load_batches(dataset: SampleDataset, workers: int, start: int = 0) -> Iterator[Batch]:
+
+class NumberedBatches(Protocol[BatchT_co]):
+    """Batches by number: the same number gives the same batch in any worker."""
+
+    def __len__(self) -> int:
+        """Return the number of batches."""
+
+    def __getitem__(self, index: int, /) -> BatchT_co:
+        """Return a batch."""
+
+
+def load_batches(
+    dataset: NumberedBatches[BatchT], workers: int, start: int = 0
+) -> Iterator[BatchT]:
     """Return batches from number ``start`` on; 0 workers render in this process."""
     cv2.setNumThreads(1)  # a pool of threads that is forked never answers: end it before
-    loader: DataLoader[Batch] = DataLoader(
-        dataset,
+    loader: DataLoader[BatchT] = DataLoader(
+        cast("Dataset[BatchT]", dataset),
         batch_size=None,
         sampler=range(start, len(dataset)),
         num_workers=workers,

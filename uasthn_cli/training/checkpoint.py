@@ -13,7 +13,7 @@ from uasthn_cli.errors import TrainingDataError
 from uasthn_cli.outputs.atomic import write_bytes
 from uasthn_cli.training.engine import PARTS
 
-_WRITTEN_AS: Final = {
+XCORR_OPTIONS: Final = {
     "seed": "--seed",
     "learning_rate": "--learning-rate",
     "samples.windows": "--windows",
@@ -24,6 +24,8 @@ _WRITTEN_AS: Final = {
     "initial": "--init",
     **{f"samples.engine.{part.replace('-', '_')}": f"--without {part}" for part in PARTS},
 }
+"""How settings of ``uasthn train`` for ``xcorr`` are typed."""
+
 _FREE: Final = ("steps", "device", "bfloat16", "workers", "checkpoint_every", "changes")
 _SAID: Final = ("steps", "device", "bfloat16")
 
@@ -93,7 +95,7 @@ def require_same_run(
     path: Path,
     saved: dict[str, Any],
     wanted: dict[str, Any],
-    written_as: Mapping[str, str] = _WRITTEN_AS,
+    written_as: Mapping[str, str] = XCORR_OPTIONS,
 ) -> None:
     """Check that going on with other settings would end where an unbroken run ends.
 

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -14,11 +14,12 @@ from torch import Tensor, nn
 
 from uasthn_cli.errors import TrainingDivergedError
 from uasthn_cli.matching.networks import XcorrModel
-from uasthn_cli.training.batches import load_batches
+from uasthn_cli.training.batches import BatchT, load_batches
 from uasthn_cli.training.losses import search_loss, search_scores
 from uasthn_cli.training.samples import CANVAS_PX, Batch, SampleDataset
 from uasthn_cli.training.scenes import SceneSet
 from uasthn_cli.training.trainee import (
+    ModelT,
     Trainee,
     TrainingConfig,
     open_trainee,
@@ -49,6 +50,29 @@ class Validation(NamedTuple):
     within_4_px: float
 
 
+class Lesson(NamedTuple):
+    """What a batch teaches: the loss, and every answer's error ``(n,)`` in pixels."""
+
+    loss: Tensor
+    error_px: NDArray[np.float32]
+
+
+class Pace(Protocol):
+    """Length of a run, and how often it is saved."""
+
+    @property
+    def steps(self) -> int:
+        """Batches that are learnt from."""
+
+    @property
+    def checkpoint_every(self) -> int:
+        """Steps between checkpoints."""
+
+    @property
+    def gradient_clip(self) -> float:
+        """Largest norm of a step's gradient."""
+
+
 def train(
     scenes: SceneSet, config: TrainingConfig, checkpoint_path: Path
 ) -> Iterator[tuple[Progress, XcorrModel]]:
@@ -64,7 +88,7 @@ def train(
 
 
 def train_steps(
-    trainee: Trainee,
+    trainee: Trainee[XcorrModel],
     scenes: SceneSet,
     config: TrainingConfig,
     checkpoint_path: Path,
@@ -80,19 +104,49 @@ def train_steps(
         TrainingDivergedError: the loss is no longer finite; the last checkpoint stays.
         OutputError: a checkpoint cannot be written.
     """
-    if trainee.step >= config.steps:
+    return take_steps(
+        trainee,
+        lambda start: _batches(scenes, config, start),
+        lambda batch: _learn(trainee.model, batch, config),
+        lambda step: learning_rate_at(step, config),
+        config,
+        checkpoint_path,
+        on_step,
+    )
+
+
+def take_steps(
+    trainee: Trainee[ModelT],
+    batches: Callable[[int], Iterator[BatchT]],
+    learn: Callable[[BatchT], Lesson],
+    learning_rate: Callable[[int], float],
+    pace: Pace,
+    checkpoint_path: Path,
+    on_step: Callable[[int], None],
+) -> Iterator[Progress]:
+    """Descend along ``learn``'s loss to the last step; yields after every checkpoint.
+
+    ``batches`` yields from the number given on; ``learning_rate`` depends on the step alone.
+
+    Raises:
+        TrainingDivergedError: the loss is no longer finite; the last checkpoint stays.
+        OutputError: a checkpoint cannot be written.
+    """
+    if trainee.step >= pace.steps:
         return
     started_s = time.monotonic()
     losses: list[float] = []
     errors: list[NDArray[np.float32]] = []
-    for batch in _batches(scenes, config, trainee.step):
-        _set_learning_rate(trainee.optimiser, config, trainee.step)
-        loss, error = _step(trainee, batch, config)
+    for batch in batches(trainee.step):
+        for group in trainee.optimiser.param_groups:
+            group["lr"] = learning_rate(trainee.step)
+        loss, error = learn(batch)
+        _descend(trainee, loss, pace.gradient_clip)
         trainee.step += 1
-        losses.append(loss)
+        losses.append(loss.item())
         errors.append(error)
         on_step(trainee.step)
-        if trainee.step % config.checkpoint_every == 0 or trainee.step == config.steps:
+        if trainee.step % pace.checkpoint_every == 0 or trainee.step == pace.steps:
             save_trainee(trainee, checkpoint_path)
             seconds, joined = time.monotonic() - started_s, np.concatenate(errors)
             within, median = float(np.mean(joined < 4)), float(np.median(joined))
@@ -146,14 +200,16 @@ def _tensors(batch: Batch, device: str) -> tuple[Tensor, Tensor, Tensor, Tensor,
     return satellite, satellite_valid, thermal, valid, corners
 
 
-def _step(
-    trainee: Trainee, batch: Batch, config: TrainingConfig
-) -> tuple[float, NDArray[np.float32]]:
+def _learn(model: XcorrModel, batch: Batch, config: TrainingConfig) -> Lesson:
     tensors = _tensors(batch, config.device)
     device_type = torch.device(config.device).type
     with torch.autocast(device_type, torch.bfloat16, enabled=config.bfloat16):
-        scores = search_scores(trainee.model, *tensors[:4])
+        scores = search_scores(model, *tensors[:4])
     loss, error = search_loss(scores, tensors[4], CANVAS_PX)
+    return Lesson(loss, error.flatten().cpu().numpy())
+
+
+def _descend(trainee: Trainee[ModelT], loss: Tensor, gradient_clip: float) -> None:
     if not math.isfinite(loss.item()):
         raise TrainingDivergedError(
             f"the loss is no longer finite at step {trainee.step + 1}; start anew with a smaller"
@@ -161,11 +217,5 @@ def _step(
         )
     trainee.optimiser.zero_grad(set_to_none=True)
     loss.backward()  # type: ignore[no-untyped-call]
-    nn.utils.clip_grad_norm_(trainee.model.parameters(), config.gradient_clip)
+    nn.utils.clip_grad_norm_(trainee.model.parameters(), gradient_clip)
     trainee.optimiser.step()
-    return float(loss.item()), error.flatten().cpu().numpy()
-
-
-def _set_learning_rate(optimiser: torch.optim.Optimizer, config: TrainingConfig, step: int) -> None:
-    for group in optimiser.param_groups:
-        group["lr"] = learning_rate_at(step, config)

@@ -1,15 +1,22 @@
 """One training run from its images to its weights; what was interrupted goes on."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from uasthn_cli.training.export import OutputPaths, TrainingStory, export
 from uasthn_cli.training.loop import Progress, Validation, train_steps, validate
 from uasthn_cli.training.scenes import RenderedShares, load_scenes
-from uasthn_cli.training.trainee import TrainingConfig, open_trainee, read_initial_weights
+from uasthn_cli.training.trainee import (
+    Trainee,
+    TrainingConfig,
+    open_trainee,
+    read_initial_weights,
+)
 from uasthn_cli.training.training_log import TrainingLog
 
 
@@ -41,7 +48,54 @@ class Report:
     validation: Validation | None
 
 
-class TrainingRun:
+class ResumableRun(ABC):
+    """Steps, log and validation of any network; what was interrupted goes on."""
+
+    def __init__(self, paths: OutputPaths, trainee: Trainee[Any], validate_every: int) -> None:
+        """Go on where the trainee is.
+
+        Raises:
+            OutputError: there is another kind of file where the log should be.
+        """
+        self.paths, self._trainee, self._validate_every = paths, trainee, validate_every
+        self._log = TrainingLog(paths.log, trainee.step)
+        self.saved_step = trainee.step
+        self._validation: Validation | None = None
+
+    @property
+    def changes(self) -> list[str]:
+        """Settings that were changed on the way, as sentences."""
+        return self._trainee.changes
+
+    def train(self, on_step: Callable[[int], None]) -> Iterator[Report]:
+        """Train to the last step; yields after every checkpoint.
+
+        Raises:
+            TrainingDivergedError: the loss is no longer finite.
+            OutputError: a checkpoint cannot be written.
+        """
+        before, last = self._trainee.step, self._trainee.settings["steps"]
+        for progress in self._steps(on_step):
+            self.saved_step = progress.step
+            self._log.record(progress)
+            self._validation = None
+            every = self._validate_every
+            if progress.step // every > before // every or progress.step == last:
+                self._validation = self._validate()
+                self._log.record(progress, self._validation)
+            yield Report(progress, self._validation)
+            before = progress.step
+
+    @abstractmethod
+    def _steps(self, on_step: Callable[[int], None]) -> Iterator[Progress]:
+        """Train, yielding after every checkpoint."""
+
+    @abstractmethod
+    def _validate(self) -> Validation | None:
+        """Judge the network as it is; None where there is nothing to judge by."""
+
+
+class TrainingRun(ResumableRun):
     """Call :meth:`train`, to its end, and then :meth:`export`."""
 
     def __init__(self, job: TrainingJob) -> None:
@@ -52,8 +106,8 @@ class TrainingRun:
             TrainingDataError: there is nothing to train on, or the checkpoint is of another run.
             WeightsError: the initial weights cannot be used.
         """
-        self.paths = OutputPaths(job.out)
-        self.paths.prepare(job.overwrite)
+        paths = OutputPaths(job.out)
+        paths.prepare(job.overwrite)
         self._initial = None
         if job.initial_weights is not None:
             self._initial = read_initial_weights(job.initial_weights)
@@ -63,35 +117,8 @@ class TrainingRun:
         self._job = job
         self._scenes = load_scenes(job.images, job.rendered)
         data = self._scenes.fingerprint()
-        self._trainee = open_trainee(job.config, self.paths.checkpoint, data, self._initial)
-        self._log = TrainingLog(self.paths.log, self._trainee.step)
-        self.saved_step = self._trainee.step
-        self._validation: Validation | None = None
-
-    @property
-    def changes(self) -> list[str]:
-        """Settings that were changed on the way, as sentences."""
-        return self._trainee.changes
-
-    def train(self, on_step: Callable[[int], None]) -> Iterator[Report]:
-        """Train the encoders to the last step; yields after every checkpoint.
-
-        Raises:
-            TrainingDivergedError: the loss is no longer finite.
-            OutputError: a checkpoint cannot be written.
-        """
-        job, before = self._job, self._trainee.step
-        steps = train_steps(self._trainee, self._scenes, job.config, self.paths.checkpoint, on_step)
-        for progress in steps:
-            self.saved_step = progress.step
-            self._log.record(progress)
-            self._validation = None
-            is_due = progress.step // job.validate_every > before // job.validate_every
-            if is_due or progress.step == job.config.steps:
-                self._validation = self._validate()
-                self._log.record(progress, self._validation)
-            yield Report(progress, self._validation)
-            before = progress.step
+        trainee = open_trainee(job.config, paths.checkpoint, data, self._initial)
+        super().__init__(paths, trainee, job.validate_every)
 
     def export(self) -> Validation:
         """Write weights and model card; return the encoders' last validation.
@@ -113,6 +140,10 @@ class TrainingRun:
         )
         export(self.paths, self._trainee.model, story)
         return validation
+
+    def _steps(self, on_step: Callable[[int], None]) -> Iterator[Progress]:
+        path = self.paths.checkpoint
+        return train_steps(self._trainee, self._scenes, self._job.config, path, on_step)
 
     def _validate(self) -> Validation:
         return validate(self._trainee.model, self._scenes, self._job.config)

@@ -2,11 +2,13 @@
 
 import hashlib
 import logging
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import torch
+from torch import nn
 
 from uasthn_cli.config import TrainingDefaults
 from uasthn_cli.errors import TrainingDataError
@@ -14,6 +16,7 @@ from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
 from uasthn_cli.matching.weights import load_xcorr
 from uasthn_cli.training.checkpoint import (
+    XCORR_OPTIONS,
     TrainingState,
     changes_on_resume,
     load_checkpoint,
@@ -25,6 +28,8 @@ from uasthn_cli.training.samples import SampleConfig
 _log = logging.getLogger(__name__)
 
 _DEFAULTS = TrainingDefaults()
+
+ModelT = TypeVar("ModelT", bound=nn.Module)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +69,13 @@ def read_initial_weights(path: Path) -> InitialWeights:
 
 
 @dataclass(slots=True)
-class Trainee:
+class Trainee(Generic[ModelT]):
     """A model in training, the optimiser that moves it, and how many steps it has taken.
 
     ``settings`` is what its checkpoints say of the run.
     """
 
-    model: XcorrModel
+    model: ModelT
     optimiser: torch.optim.Optimizer
     step: int
     settings: dict[str, Any]
@@ -86,7 +91,7 @@ def open_trainee(
     checkpoint_path: Path,
     data: str,
     initial: InitialWeights | None = None,
-) -> Trainee:
+) -> Trainee[XcorrModel]:
     """Return the model in the checkpoint, or a new one with random or ``initial`` weights.
 
     ``data`` is the scenes' fingerprint; ``initial`` has the architecture of ``config``.
@@ -100,9 +105,7 @@ def open_trainee(
     if initial is not None:
         model.load_state_dict(initial.model.state_dict())
     model.to(config.device)
-    for parameter in model.parameters():  # oneDNN trains several times faster in this layout
-        if parameter.ndim == 4:
-            parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
+    use_fast_layout(model)
     optimiser = torch.optim.AdamW(
         model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
     )
@@ -110,11 +113,18 @@ def open_trainee(
     settings = {**asdict(config), "data": data, "initial": begun_from, "changes": []}
     trainee = Trainee(model, optimiser, 0, settings)
     if checkpoint_path.exists():
-        _resume(trainee, checkpoint_path)
+        resume(trainee, checkpoint_path)
     return trainee
 
 
-def save_trainee(trainee: Trainee, path: Path) -> None:
+def use_fast_layout(model: nn.Module) -> None:
+    """Store convolutions' weights channels last: oneDNN trains several times faster so."""
+    for parameter in model.parameters():
+        if parameter.ndim == 4:
+            parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
+
+
+def save_trainee(trainee: Trainee[ModelT], path: Path) -> None:
     """Write a checkpoint.
 
     Raises:
@@ -126,10 +136,18 @@ def save_trainee(trainee: Trainee, path: Path) -> None:
     save_checkpoint(path, state)
 
 
-def _resume(trainee: Trainee, path: Path) -> None:
-    """Take over model, optimiser, step and history of a checkpoint."""
+def resume(
+    trainee: Trainee[ModelT], path: Path, written_as: Mapping[str, str] = XCORR_OPTIONS
+) -> None:
+    """Take over model, optimiser, step and history of a checkpoint.
+
+    ``written_as`` gives settings the names of the command's options.
+
+    Raises:
+        TrainingDataError: the checkpoint belongs to another run.
+    """
     state = load_checkpoint(path)
-    require_same_run(path, state.settings, trainee.settings)
+    require_same_run(path, state.settings, trainee.settings, written_as)
     if state.step > trainee.settings["steps"]:
         raise TrainingDataError(
             f"{path}: already at step {state.step}; give --steps of at least that, or another --out"

@@ -83,7 +83,9 @@ class IterativeHomographyNetwork(nn.Module):
         the places looked at, as in RAFT (Teed & Deng 2020): only through what is seen there.
         """
         finest = pairing.levels[0]
-        displacement = finest.new_zeros(len(finest), 4, 2) if start is None else start
+        # where correlations are in half precision (training), displacements must not be
+        exact = torch.promote_types(finest.dtype, torch.float32)
+        displacement = finest.new_zeros(len(finest), 4, 2, dtype=exact) if start is None else start
         still = looked_at(torch.zeros_like(displacement[:1]))
         places = looked_at(displacement.detach())
         steps, variances = [], []

@@ -1,0 +1,1 @@
+"""Training of the networks that regress corner displacements: dhn, ihn and sthn."""
