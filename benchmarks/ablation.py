@@ -161,7 +161,7 @@ def cells(summary: Summary) -> list[str]:
     ]
 
 
-def _train(arm: Arm, name: str, shared: Path, out: Path, steps: int) -> Trainee:
+def _train(arm: Arm, name: str, shared: Path, out: Path, steps: int) -> Trainee[XcorrModel]:
     config = TrainingConfig(
         steps=steps,
         seed=arm.seed,
