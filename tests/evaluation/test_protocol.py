@@ -1,5 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from uasthn_cli.evaluation.predictions import gathered, load_predictions
 from uasthn_cli.evaluation.protocol import WARM_UP_RUNS, ProtocolConfig, predict
 from uasthn_cli.evaluation.run import predict_to_file
 from uasthn_cli.matching.ncc import NccEstimator
-from uasthn_cli.types import FloatArray
+from uasthn_cli.types import Estimate, FloatArray
 
 PAIRS = KnownPairs(((10.0, -6.0), (4.0, 4.0), (0.0, 0.0)))
 
@@ -116,3 +117,18 @@ def test_nothing_to_evaluate_is_said(tmp_path: Path) -> None:
         predict_to_file(
             tmp_path / "a.npz", KnownPairs(()), [ShiftEstimator()], SETTINGS, ProtocolConfig()
         )
+
+
+class Outspoken(ShiftEstimator):
+    """An estimator that states deviations of its own."""
+
+    def estimate(self, *what: Any) -> Estimate:
+        return replace(super().estimate(*what), modelled_std_px=np.full((4, 2), 1.5))
+
+
+def test_what_a_network_says_of_its_error_comes_back_in_the_data_s_pixels() -> None:
+    config = ProtocolConfig(width_px=24)  # half of the data's own width
+    (found,) = predict(KnownPairs(((0.0, 0.0),)), [Outspoken()], config)
+    np.testing.assert_allclose(found.modelled_std_px, np.full((4, 2), 3.0))
+    (silent,) = predict(KnownPairs(((0.0, 0.0),)), [ShiftEstimator()], config)
+    assert np.isnan(silent.modelled_std_px).all()

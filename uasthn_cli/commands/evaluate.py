@@ -238,6 +238,7 @@ def _open(values: dict[str, Any]) -> "list[Estimator]":
         device=values["device"],
         symmetries=values["symmetries"],
         ensemble=values["ensemble"],
+        ue_iterations=values["ue_iterations"],
     )
 
 
@@ -285,5 +286,6 @@ def _settings(source: str, spec: Any, values: dict[str, Any]) -> "tuple[Settings
         split=spec.split,
         camera=str(spec.camera),
         symmetries=values["symmetries"] if estimator == "xcorr" else None,
+        ue_iterations=values["ue_iterations"],
     )
     return settings, ProtocolConfig(crops, width_px)

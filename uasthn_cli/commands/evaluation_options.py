@@ -254,6 +254,13 @@ _ESTIMATOR_OPTIONS: Final = (
         help="Orientations (1 to 8) in which xcorr sees both images; fewer are faster.",
     ),
     estimator_option(
+        "--ue-iterations",
+        type=click.IntRange(min=1),
+        metavar="K",
+        help="Of dhn, ihn and sthn: all views take K steps together, then the whole image goes on"
+        " alone (the paper's early stopping).  [default: all steps]",
+    ),
+    estimator_option(
         "--width",
         "width_px",
         type=click.IntRange(min=16),

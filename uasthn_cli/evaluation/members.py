@@ -10,11 +10,18 @@ from uasthn_cli.types import Estimator
 
 
 def open_members(
-    name: str, weights: Sequence[Path], *, device: str, symmetries: int, ensemble: bool
+    name: str,
+    weights: Sequence[Path],
+    *,
+    device: str,
+    symmetries: int,
+    ensemble: bool,
+    ue_iterations: int | None = None,
 ) -> list[Estimator]:
     """Return an estimator for each file of weights, the first being the base network.
 
-    Without any it is the estimator as it comes; ``ensemble`` takes the members in the box.
+    Without any it is the estimator as it comes; ``ensemble`` takes the members in the box;
+    ``ue_iterations`` is the paper's early stopping.
 
     Raises:
         WeightsError: the weights cannot be used, or there is no ensemble in the box.
@@ -31,7 +38,13 @@ def open_members(
 
         paths = BUNDLED_ENSEMBLE
     return [
-        open_estimator(name, weights_path=path, device=device, symmetries=symmetries)
+        open_estimator(
+            name,
+            weights_path=path,
+            device=device,
+            symmetries=symmetries,
+            ue_iterations=ue_iterations,
+        )
         for path in paths
     ]
 

@@ -110,7 +110,8 @@ class DisplacementEstimator:
         grey = np.where(thermal.valid, thermal.image, shown.mean() if shown.size else 0.0)
         image = ortho.cut(grey.astype(np.float32)[None], float(grey.mean()))
         small = resize_to_network(self._tensor(image).expand(-1, 3, -1, -1)).clamp(0.0, 1.0)
-        found = self._located(satellite, small, _boxes(ortho, middles_px, widths_px))
+        boxes = _boxes(ortho, middles_px, widths_px)
+        found, modelled_std = self._located(satellite, small, boxes)
         corners = corners_at_width(found, window.width_px).double().cpu().numpy()
         placed = _placed(ortho, corners + window.first_px, views_px, views_px + origin_px)
         if self._second is not None:
@@ -127,14 +128,21 @@ class DisplacementEstimator:
                 corners[0] + window.first_px, better.double().cpu().numpy() + window.first_px
             )
             placed = transform_points(H, placed)
-        return Estimate(placed, 1.0)
+        if modelled_std is None:
+            return Estimate(placed, 1.0)
+        std_px = modelled_std.double().cpu().numpy() * (window.width_px / RESIZED_WIDTH_PX)
+        return Estimate(placed, 1.0, modelled_std_px=std_px)
 
     def _tensor(self, image: ImageArray) -> Tensor:
         """Return ``(1, C, h, w)`` on the device."""
         return torch.from_numpy(image)[None].to(self._device)
 
-    def _located(self, satellite: Tensor, thermal: Tensor, boxes: FloatArray) -> Tensor:
+    def _located(
+        self, satellite: Tensor, thermal: Tensor, boxes: FloatArray
+    ) -> tuple[Tensor, Tensor | None]:
         """Return displacements ``(N, 4, 2)`` of the ortho's square as each view has it.
+
+        Beside them, the deviations ``(4, 2)`` that a Direct Modeling head gives the first one's.
 
         With early stopping the first view's is what it was when all views were stopped, plus what
         came after: the spread then is that of the views when they were stopped.
@@ -143,11 +151,13 @@ class DisplacementEstimator:
         encoded = network.encode_satellite(resize_to_network(satellite).clamp(0.0, 1.0))
         if len(boxes) == 1:
             pairing: Any = network.pair(encoded, thermal)
-            return network.refine(pairing, settings.iterations).last
+            seen = network.refine(pairing, settings.iterations)
+            return seen.last, None if seen.deviations is None else seen.deviations[0]
         corners = torch.from_numpy(boxes).to(thermal)
         agreed = crop_agreement(network, encoded, thermal, corners, settings.iterations, self._stop)
         found = agreed.samples[:, 0]
-        return found + (agreed.original[0] - found[0])
+        std = None if agreed.modelled_std is None else agreed.modelled_std[0]
+        return found + (agreed.original[0] - found[0]), std
 
 
 def open_displacement(
