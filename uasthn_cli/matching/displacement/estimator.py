@@ -22,6 +22,7 @@ from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.displacement.agreement import EarlyStop, crop_agreement
 from uasthn_cli.matching.displacement.checkpoints import load_displacement
 from uasthn_cli.matching.displacement.homography import corners_at_width, resize_to_network
+from uasthn_cli.matching.displacement.ihn import IterativeHomographyNetwork
 from uasthn_cli.matching.displacement.model import DisplacementModel
 from uasthn_cli.matching.displacement.sthn import look_again
 from uasthn_cli.types import Estimate, FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
@@ -115,14 +116,12 @@ class DisplacementEstimator:
         corners = corners_at_width(found, window.width_px).double().cpu().numpy()
         placed = _placed(ortho, corners + window.first_px, views_px, views_px + origin_px)
         if self._second is not None:
-            second = look_again(
-                self._second,
-                satellite,
-                small,
-                found[:1],
-                self._settings.second_iterations,
-                self._settings.box_padding,
+            better = self._second_look(self._second, satellite, small, found[:1])
+            placed = transform_points(
+                homography_from_corners(corners[0] + window.first_px, better + window.first_px),
+                placed,
             )
+<<<<<<< HEAD
             better = corners_at_width(second.displacement[0], window.width_px)
             H = homography_from_corners(
                 corners[0] + window.first_px, better.double().cpu().numpy() + window.first_px
@@ -132,14 +131,42 @@ class DisplacementEstimator:
             return Estimate(placed, 1.0)
         std_px = modelled_std.double().cpu().numpy() * (window.width_px / RESIZED_WIDTH_PX)
         return Estimate(placed, 1.0, modelled_std_px=std_px)
+=======
+        return Estimate(placed, 1.0)
+>>>>>>> paper-networks
 
     def _tensor(self, image: ImageArray) -> Tensor:
         """Return ``(1, C, h, w)`` on the device."""
         return torch.from_numpy(image)[None].to(self._device)
 
+<<<<<<< HEAD
     def _located(
         self, satellite: Tensor, thermal: Tensor, boxes: FloatArray
     ) -> tuple[Tensor, Tensor | None]:
+=======
+    def _second_look(
+        self,
+        network: IterativeHomographyNetwork,
+        satellite: Tensor,
+        thermal: Tensor,
+        displacement: Tensor,
+    ) -> FloatArray:
+        """Return corners ``(4, 2)`` in the window's square as the second stage has them."""
+        settings = self._settings
+        seen = look_again(
+            network,
+            satellite,
+            thermal,
+            displacement,
+            settings.second_iterations,
+            settings.box_padding,
+        )
+        corners = corners_at_width(seen.displacement[0], satellite.shape[-1])
+        better: FloatArray = corners.double().cpu().numpy()
+        return better
+
+    def _located(self, satellite: Tensor, thermal: Tensor, boxes: FloatArray) -> Tensor:
+>>>>>>> paper-networks
         """Return displacements ``(N, 4, 2)`` of the ortho's square as each view has it.
 
         Beside them, the deviations ``(4, 2)`` that a Direct Modeling head gives the first one's.
