@@ -121,29 +121,15 @@ class DisplacementEstimator:
                 homography_from_corners(corners[0] + window.first_px, better + window.first_px),
                 placed,
             )
-<<<<<<< HEAD
-            better = corners_at_width(second.displacement[0], window.width_px)
-            H = homography_from_corners(
-                corners[0] + window.first_px, better.double().cpu().numpy() + window.first_px
-            )
-            placed = transform_points(H, placed)
         if modelled_std is None:
             return Estimate(placed, 1.0)
         std_px = modelled_std.double().cpu().numpy() * (window.width_px / RESIZED_WIDTH_PX)
         return Estimate(placed, 1.0, modelled_std_px=std_px)
-=======
-        return Estimate(placed, 1.0)
->>>>>>> paper-networks
 
     def _tensor(self, image: ImageArray) -> Tensor:
         """Return ``(1, C, h, w)`` on the device."""
         return torch.from_numpy(image)[None].to(self._device)
 
-<<<<<<< HEAD
-    def _located(
-        self, satellite: Tensor, thermal: Tensor, boxes: FloatArray
-    ) -> tuple[Tensor, Tensor | None]:
-=======
     def _second_look(
         self,
         network: IterativeHomographyNetwork,
@@ -165,8 +151,9 @@ class DisplacementEstimator:
         better: FloatArray = corners.double().cpu().numpy()
         return better
 
-    def _located(self, satellite: Tensor, thermal: Tensor, boxes: FloatArray) -> Tensor:
->>>>>>> paper-networks
+    def _located(
+        self, satellite: Tensor, thermal: Tensor, boxes: FloatArray
+    ) -> tuple[Tensor, Tensor | None]:
         """Return displacements ``(N, 4, 2)`` of the ortho's square as each view has it.
 
         Beside them, the deviations ``(4, 2)`` that a Direct Modeling head gives the first one's.
