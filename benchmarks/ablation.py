@@ -23,7 +23,7 @@ from tables import markdown_table, number, use_threads
 
 from uasthn_cli.config import Precision
 from uasthn_cli.matching.memory import keep_freed_memory
-from uasthn_cli.matching.networks import XcorrArchitecture
+from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
 from uasthn_cli.matching.weights import serialise_xcorr
 from uasthn_cli.outputs.atomic import write_bytes, write_text
 from uasthn_cli.training.engine import engine_without
@@ -161,7 +161,7 @@ def cells(summary: Summary) -> list[str]:
     ]
 
 
-def _train(arm: Arm, name: str, shared: Path, out: Path, steps: int) -> Trainee:
+def _train(arm: Arm, name: str, shared: Path, out: Path, steps: int) -> Trainee[XcorrModel]:
     config = TrainingConfig(
         steps=steps,
         seed=arm.seed,

@@ -2,7 +2,8 @@
 
     python benchmarks/croptta_cost.py [--weights FILE] [--views 5] [--threads 1]
 
-Views share the satellite image's features; all else is the views' own. Without weights, those of
+Views share the satellite image's features; all else is the views' own. STHN's second stage looks at
+the whole frame alone. Without weights, those of
 the published size are random: cost does not depend on them. Rounds alternate between one view and
 several, and the smallest time of each counts, so that other load on the machine weighs little.
 """
@@ -22,6 +23,7 @@ from uasthn_cli.matching.displacement.agreement import EarlyStop, crop_agreement
 from uasthn_cli.matching.displacement.checkpoints import load_displacement
 from uasthn_cli.matching.displacement.ihn import IterativeHomographyNetwork
 from uasthn_cli.matching.displacement.model import DisplacementModel
+from uasthn_cli.matching.displacement.sthn import look_again
 from uasthn_cli.matching.memory import keep_freed_memory
 
 _OFFSET_PX = 16.0
@@ -52,6 +54,7 @@ def main(weights: Path | None, views: int, rounds: int, threads: int) -> None:
         else load_displacement(weights)
     )
     network, steps = model.network.eval(), model.settings.iterations
+    map_square = torch.rand(1, 3, 1536, 1536)
     satellite, thermal = torch.rand(1, 3, 256, 256), torch.rand(1, 1, 256, 256).expand(1, 3, -1, -1)
     rng = np.random.default_rng(0)
     offset_px = (_OFFSET_PX, _OFFSET_PX)
@@ -59,14 +62,22 @@ def main(weights: Path | None, views: int, rounds: int, threads: int) -> None:
         crop_corners_px((256, 256), views, offset_px, Sampling.RANDOM, rng)
     ).float()
 
+    def one() -> object:
+        return with_second_stage(network(satellite, thermal, steps).last)
+
     def several(stop: EarlyStop | None) -> object:
-        return crop_agreement(
-            network, network.encode_satellite(satellite), thermal, crops, steps, stop
-        )
+        encoded = network.encode_satellite(satellite)
+        agreed = crop_agreement(network, encoded, thermal, crops, steps, stop)
+        return with_second_stage(agreed.original)
+
+    def with_second_stage(displacement: torch.Tensor) -> object:
+        if model.second is None:
+            return displacement
+        return look_again(model.second, map_square, thermal, displacement)
 
     runs: dict[str, Callable[[], object]] = {
         "satellite features alone": lambda: network.encode_satellite(satellite),
-        "one view": lambda: network(satellite, thermal, steps),
+        "one view": one,
         f"{views} views": lambda: several(None),
     }
     if network.is_iterative:

@@ -25,7 +25,6 @@ from uasthn_cli.config import GeotagConfig
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.matching.ncc import NccChannel, NccEstimator
-from uasthn_cli.matching.registry import open_estimator
 from uasthn_cli.outputs.atomic import write_text
 from uasthn_cli.outputs.truth import Truth, center_error_m, read_truth
 from uasthn_cli.pipeline import GeotagJob, open_run
@@ -38,7 +37,7 @@ UNIT = "ncc"
 
 AKAZE = "akaze-magsac"
 
-ESTIMATORS: dict[str, Callable[[], Estimator]] = {
+ESTIMATORS: dict[str, Callable[[], Estimator | None]] = {
     "prior": PriorEstimator,
     AKAZE: akaze_magsac,
     "sift-magsac": sift_magsac,
@@ -47,10 +46,11 @@ ESTIMATORS: dict[str, Callable[[], Estimator]] = {
     "mi": MutualInformationEstimator,
     "ncc-gradient": lambda: NccEstimator(NccChannel.GRADIENT),
     "ncc": NccEstimator,
-    "xcorr": lambda: open_estimator("xcorr"),
+    "xcorr": lambda: None,
     "ncc-flight": NccEstimator,
-    "xcorr-flight": lambda: open_estimator("xcorr"),
+    "xcorr-flight": lambda: None,
 }
+"""None: the tool's own, as its users run it."""
 FLIGHT = "-flight"
 """Ends the names of estimators whose answers the whole flight settles."""
 

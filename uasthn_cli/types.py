@@ -191,12 +191,14 @@ class Estimate:
     ``(rows, columns)`` is the first view's log-likelihood of every shift (-inf where excluded):
     entry ``(j, i)`` puts ortho pixel (0, 0) on window pixel ``(i, j) * stride_px``; None for an
     estimator that does not score shifts. ``confidence`` in 0..1 is the posterior mass near the
-    first view's answer (1 without scores).
+    first view's answer (1 without scores). ``modelled_std_px`` ``(4, 2)`` is what a network itself
+    says of its first answer (the paper's Direct Modeling), None where it says nothing.
     """
 
     corners_px: FloatArray
     confidence: float
     scores: FloatArray | None = None
+    modelled_std_px: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)

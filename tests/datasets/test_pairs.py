@@ -39,7 +39,7 @@ def test_convention_corners_follow_the_squares_that_are_cut(tmp_path: Path) -> N
 
 def test_the_coarser_image_is_enlarged(tmp_path: Path) -> None:
     write_pair(tmp_path)
-    fine = cv2.resize(cv2.imread(str(tmp_path / "night.png")), (240, 180))
+    fine = cv2.resize(texture(2, 300, 260)[100:160, 120:200], (240, 180))
     cv2.imwrite(str(tmp_path / "fine.png"), fine)
     path = table(tmp_path, f"{HEADER}a,map.png,fine.png,3.0,159.5,129.5,1.0\n")
     sample = PairsDataset(path, DatasetSpec())[0]

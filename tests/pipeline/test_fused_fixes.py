@@ -19,12 +19,11 @@ from uasthn_cli.types import Attitude, FrameFile, OffsetLikelihood, Prior
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=40))
-def test_support_is_the_mean_backing_of_up_to_twelve_neighbours_each_way(
-    backing: list[float],
-) -> None:
+def test_support_is_the_mean_backing_of_the_25_nearest_frames(backing: list[float]) -> None:
     found = support_of(np.array(backing))
     for index, share in enumerate(found):
-        near = backing[max(0, index - 12) : index + 13]
+        start = min(max(0, index - 12), max(0, len(backing) - 25))
+        near = backing[start : start + 25]
         assert share == pytest.approx(sum(near) / len(near))
 
 

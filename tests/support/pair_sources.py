@@ -1,6 +1,6 @@
 """Miniature data sets, written by the tests in the layouts that are read."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -46,7 +46,7 @@ def write_geotiff(
 
 def write_boson(
     root: Path,
-    centres_px: dict[str, Sequence[tuple[int, int]]],
+    centres_px: Mapping[str, Sequence[tuple[int, int]]],
     *,
     name: str = "@{x}@{y}@",
     channels: int = 0,

@@ -22,7 +22,10 @@ COMMANDS: Final = {
     "calibrate": "uasthn_cli.commands.calibrate:calibrate",
     "demo": "uasthn_cli.commands.demo:demo",
     "train": "uasthn_cli.commands.train:train",
+    "tgm": "uasthn_cli.commands.tgm:tgm",
+    "evaluate": "uasthn_cli.commands.evaluate:evaluate",
     "synth": "uasthn_cli.commands.synth:synth",
+    "models": "uasthn_cli.commands.models:models",
     "cameras": "uasthn_cli.commands.cameras:cameras",
     "completion": "uasthn_cli.commands.completion:completion",
 }

@@ -1,12 +1,12 @@
 """``uasthn report``: summarise finished runs, compare them, and gate on them."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
+from uasthn_cli.commands.console_tables import print_table
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO, FiniteRange
 from uasthn_cli.commands.sections import SectionedCommand, section_option
 from uasthn_cli.errors import GateMissedError
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from uasthn_cli.report.render import ReportColumn
 
 _FRACTION: Final = FiniteRange(min=0, max=1)
-_PIPED_WIDTH: Final = 10_000
 
 _EXAMPLES: Final = """\
 \b
@@ -167,7 +166,7 @@ def print_report(
     if as_json:
         click.echo(report_json(columns))
     else:
-        _print_table(report_table(columns, with_trust))
+        print_table(report_table(columns, with_trust))
     return runs
 
 
@@ -191,21 +190,3 @@ def _column(run: "RunResults", tolerance_m: float, with_prior: bool) -> "ReportC
         trust=summarise_trust(run, tolerance_m),
         single=_column(single, tolerance_m, with_prior=False) if single else None,
     )
-
-
-def _print_table(cells: list[list[str]]) -> None:
-    """Print the table: as wide as the terminal, or uncut and uncoloured for a pipe or a file."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    header, *rows = cells
-    table = Table(show_edge=False, pad_edge=False)
-    table.add_column(header[0])
-    for name in header[1:]:
-        table.add_column(Text(name), justify="right", overflow="fold")
-    for row in rows:
-        table.add_row(*map(Text, row))
-    is_terminal = sys.stdout.isatty()
-    console = Console(width=None if is_terminal else _PIPED_WIDTH, no_color=not is_terminal)
-    console.print(table)

@@ -121,8 +121,8 @@ training_options: Final = gathered(
         default=_DEFAULTS.learning_rate,
         show_default=True,
         metavar="RATE",
-        help="Of xcorr: held after a short warm-up, then falls to 0 over the last 30 % of steps."
-        " Of the others 1e-4, falling to 0 from the first step.",
+        help="Of xcorr: held after a short warm-up, then falls to 0 over the last 30 % of the"
+        " steps. Of the others 1e-4, falling to 0 from the first step.",
     ),
     training_option(
         "--windows",
@@ -159,8 +159,8 @@ training_options: Final = gathered(
     network_option(
         "--widths",
         type=WidthsType(),
-        help="Of xcorr: channels of an encoder's four levels, each at half the one before's"
-        " resolution.  [default: as in the weights in the box]",
+        help="Of xcorr: channels of an encoder's four levels, each at half the resolution of the"
+        " one before.  [default: as in the weights in the box]",
     ),
     network_option(
         "--channels",

@@ -47,7 +47,7 @@ def place_pair(sample: MatchSample, width_px: int | None) -> Placed:
     thermal_px = sample.thermal.shape[0]
     scale = 1.0 if width_px is None else min(1.0, width_px / thermal_px)
     gsd_m = sample.satellite_gsd_m / scale
-    known = sample.satellite.any(axis=2)
+    known = np.asarray(sample.satellite.any(axis=2))
     rgb, valid, H_satellite_window = _on_canvas(sample.satellite, known, scale)
     grey, seen, H_thermal_ortho = _on_canvas(
         sample.thermal, np.ones(sample.thermal.shape, np.bool_), scale
@@ -68,7 +68,8 @@ def place_pair(sample: MatchSample, width_px: int | None) -> Placed:
 def prior_corners_px(sample: MatchSample) -> FloatArray:
     """Return where the prior has the thermal image's corners ``(4, 2)``: about the middle."""
     thermal_px, satellite_px = sample.thermal.shape[0], sample.satellite.shape[0]
-    return image_corners_px(thermal_px, thermal_px) + (satellite_px - thermal_px) / 2
+    corners = image_corners_px(thermal_px, thermal_px)
+    return np.asarray(corners + (satellite_px - thermal_px) / 2)
 
 
 def _on_canvas(

@@ -1,6 +1,6 @@
 """The paper's figures, drawn from predictions alone: ROC, histogram, accepted fraction and MACE."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -31,15 +31,22 @@ _STYLES: Final[tuple[dict[str, Any], ...]] = (
     {"color": "#56B4E9", "linestyle": (0, (6, 2, 1.2, 2, 1.2, 2))},
     {"color": "#000000", "linestyle": (0, (8, 3))},
 )
-_BINS: Final = 40
+_BINS: Final = (5, 40)
+"""Fewest and most bins of the histogram."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One method on one run, and its name in the legend."""
+    """One method on one run."""
 
-    label: str
+    run: str
+    method: str
     judged: Judged
+
+    @property
+    def label(self) -> str:
+        """The name in the legend."""
+        return f"{self.run}, {self.method}"
 
 
 def draw_evaluation(
@@ -49,15 +56,13 @@ def draw_evaluation(
 
     None where there is nothing to draw. The same curves give the same bytes on the same machine.
     """
-    draws: dict[str, Callable[[Sequence[Curve], float], Figure | None]] = {
-        "roc": _roc_figure,
-        "mace-histogram": _histogram_figure,
-        "accepted-mace": _acceptance_figure,
-    }
     with styled():
-        return {
-            name: encode(draw(curves, tolerance_m), file_format) for name, draw in draws.items()
+        figures = {
+            "roc": _roc_figure(curves, tolerance_m),
+            "mace-histogram": _histogram_figure(_distinct(curves), tolerance_m),
+            "accepted-mace": _acceptance_figure(curves),
         }
+        return {name: encode(figure, file_format) for name, figure in figures.items()}
 
 
 def _roc_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure | None:
@@ -78,16 +83,20 @@ def _roc_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure | None:
     return figure
 
 
-def _histogram_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure | None:
-    """Draw how errors are distributed (Fig. 5), each run once: a method only accepts or rejects."""
+def _histogram_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure:
+    """Draw how errors are distributed (Fig. 5)."""
     figure, axes = new_figure()
     largest_m = max(float(curve.judged.mace_m.max()) for curve in curves)
     smallest_m = min(float(curve.judged.mace_m.min()) for curve in curves)
-    edges_m = np.geomspace(max(smallest_m, 0.1), max(largest_m, 1.0) * 1.001, _BINS + 1)
+    fewest = min(curve.judged.mace_m.size for curve in curves)
+    bins = int(np.clip(2.0 * np.sqrt(fewest), *_BINS))
+    edges_m = np.geomspace(max(smallest_m, 0.1), max(largest_m, 1.0) * 1.001, bins + 1)
+    runs = [curve.run for curve in curves]
     for curve, style in _styled(curves):
         mace_m = np.maximum(curve.judged.mace_m, edges_m[0])
         share = np.histogram(mace_m, edges_m)[0] / mace_m.size
-        label = f"{curve.label}: median {np.median(mace_m):.1f} m"
+        name = curve.run if runs.count(curve.run) == 1 else curve.label
+        label = f"{name}: median {np.median(mace_m):.1f} m"
         axes.stairs(share, edges_m, label=label, linewidth=2.0, **style)
     axes.axvline(tolerance_m, label=f"{tolerance_m:g} m", linestyle="-", **REFERENCE)
     axes.set_xscale("log")
@@ -100,7 +109,7 @@ def _histogram_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure | N
     return figure
 
 
-def _acceptance_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure | None:
+def _acceptance_figure(curves: Sequence[Curve]) -> Figure:
     """Draw accepted fraction against the MACE of what is accepted, over thresholds (Fig. 3)."""
     figure, axes = new_figure()
     for curve, style in _styled(curves):
@@ -113,8 +122,7 @@ def _acceptance_figure(curves: Sequence[Curve], tolerance_m: float) -> Figure | 
             color = style["color"]
             mean_m = float(judged.mace_m.mean())
             axes.plot(mean_m, 1.0, "D", color=color, label=curve.label, clip_on=False)
-    if not axes.lines:
-        return None
+    axes.plot([], [], "o", color="#555555", markersize=8, label="the threshold in use")
     axes.set_xlabel("mean MACE of accepted samples [m]")
     axes.set_ylabel("accepted fraction")
     axes.set_xlim(left=0.0)
@@ -128,6 +136,15 @@ def _mark(axes: Axes, judged: Judged, style: dict[str, Any]) -> None:
     if judged.accepted.any():
         point = judged.mace_m[judged.accepted].mean(), judged.accepted.mean()
         axes.plot(*point, "o", color=style["color"], markersize=8, clip_on=False, zorder=5)
+
+
+def _distinct(curves: Sequence[Curve]) -> list[Curve]:
+    """Return curves without those that have the errors of one before: they only reject others."""
+    kept: list[Curve] = []
+    for curve in curves:
+        if not any(np.array_equal(curve.judged.mace_m, one.judged.mace_m) for one in kept):
+            kept.append(curve)
+    return kept
 
 
 def _styled(curves: Sequence[Curve]) -> list[tuple[Curve, dict[str, Any]]]:

@@ -1,6 +1,6 @@
 """From predictions to errors and uncertainties, by method of uncertainty estimation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
@@ -11,7 +11,6 @@ from uasthn_cli.config import (
     RESIZED_WIDTH_PX,
     Aggregation,
     DecisionConfig,
-    Rule,
 )
 from uasthn_cli.errors import PredictionsError
 from uasthn_cli.evaluation.predictions import Predictions
@@ -52,7 +51,7 @@ class JudgingConfig:
     the paper's choice for each method.
     """
 
-    decision: DecisionConfig = DecisionConfig(rule=Rule.ALL)
+    decision: DecisionConfig = field(default_factory=DecisionConfig)
     merge: Merge = Merge.MAX
     aggregation: Aggregation | None = None
 
@@ -79,7 +78,8 @@ def refusal(predictions: Predictions, method: UeMethod) -> str | None:
     if method in (UeMethod.DE, UeMethod.CROPTTA_DE) and predictions.members < 2:
         return f"{method} needs an ensemble: give --weights several times, or --ensemble"
     if method is UeMethod.DM and not np.isfinite(predictions.modelled_std_px).any():
-        return f"{method} needs a network with a second head; {_named(predictions)} has none"
+        name = predictions.settings.estimator
+        return f"{method} needs a network with a second head; {name} has none"
     return None
 
 
@@ -94,7 +94,7 @@ def judge(predictions: Predictions, method: UeMethod, config: JudgingConfig) -> 
         raise PredictionsError(why)
     corners_px = _corners_px(predictions, method, config.aggregation)
     std_m = _std_px(predictions, method, config.merge) * predictions.gsd_m[:, None, None]
-    answered = np.isfinite(corners_px).all(axis=(1, 2))
+    answered = np.asarray(np.isfinite(corners_px).all(axis=(1, 2)))
     corners_px = np.where(answered[:, None, None], corners_px, predictions.prior_px)
     rule = config.decision.rule
     uncertainty_m = np.array([scalar_uncertainty(std, rule) for std in std_m])
@@ -136,7 +136,7 @@ def image_centres_px(corners_px: FloatArray) -> FloatArray:
     parallel = np.abs(across) < 1e-9
     share = (gap[..., 0] * up[..., 1] - gap[..., 1] * up[..., 0]) / np.where(parallel, 1.0, across)
     meeting = top_left + share[..., None] * down
-    return np.where(parallel[..., None], corners_px.mean(axis=-2), meeting)
+    return np.asarray(np.where(parallel[..., None], corners_px.mean(axis=-2), meeting))
 
 
 def _corners_px(
@@ -173,7 +173,3 @@ def _max_std_m(predictions: Predictions, decision: DecisionConfig) -> FloatArray
         return np.asarray(decision.max_std_px * window_m / RESIZED_WIDTH_PX)
     limit_m = FALLBACK_MAX_STD_M if decision.max_std_m is None else decision.max_std_m
     return np.full(len(predictions), limit_m)
-
-
-def _named(predictions: Predictions) -> str:
-    return predictions.settings.estimator

@@ -25,9 +25,10 @@ _FORMAT: Final = 1
 class Settings:
     """How predictions were made.
 
-    ``max_offset_m`` is D_C and ``window_m`` W_S (None: as the data have it), ``width_px`` the width
-    at which the thermal image was matched (None: its own), ``ue_iterations`` after how many
-    iterations all views but the first stop (None: never).
+    ``max_offset_m`` is D_C, ``window_m`` W_S and ``thermal_m`` W_T, ``samples`` how many were asked
+    for (None: as the data have it), ``width_px`` the width at which the thermal image was matched
+    (None: its own), ``ue_iterations`` after how many iterations all views but the first stop (None:
+    never).
     """
 
     dataset: str
@@ -41,7 +42,12 @@ class Settings:
     window_m: float | None
     width_px: int | None
     device: str
+    thermal_m: float | None = None
+    gsd_m: float | None = None
+    samples: int | None = None
     split: str | None = None
+    camera: str | None = None
+    symmetries: int | None = None
     ue_iterations: int | None = None
     version: str = __version__
 

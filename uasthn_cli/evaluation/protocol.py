@@ -71,7 +71,7 @@ def predict_sample(
     answers_px = np.full((len(estimators), len(views_px), 4, 2), np.nan)
     base, *others = estimators
     features, encode_s = _encoded(base, placed)
-    answers_px[0], confidence, views_s = _answers(base, features, placed, views_px)
+    answers_px[0], stated, views_s = _answers(base, features, placed, views_px)
     single_s = views_s
     if len(views_px) > 1:
         single_s = np.nan
@@ -89,10 +89,18 @@ def predict_sample(
         true_px=sample.corners_px,
         prior_px=prior_corners_px(sample),
         answers_px=answers_px,
-        modelled_std_px=np.full((4, 2), np.nan),
-        confidence=confidence,
+        modelled_std_px=stated.std_px,
+        confidence=stated.confidence,
         seconds=np.array([encode_s + single_s, encode_s + views_s, members_s]),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Stated:
+    """What an estimator says of its own answer: confidence, and deviations ``(4, 2)`` or NaN."""
+
+    confidence: float
+    std_px: FloatArray
 
 
 def _encoded(estimator: Estimator, placed: Placed) -> tuple[MapFeatures, float]:
@@ -115,8 +123,8 @@ def _whole_cells(valid: BoolArray, stride_px: int) -> BoolArray:
 
 def _answers(
     estimator: Estimator, features: MapFeatures, placed: Placed, views_px: FloatArray
-) -> tuple[FloatArray, float, float]:
-    """Return the full frame's corners by each view in satellite pixels, confidence, seconds.
+) -> tuple[FloatArray, _Stated, float]:
+    """Return the full frame's corners by each view in satellite pixels, what is stated, seconds.
 
     ``views_px`` ``(V, 4, 2)`` are thermal pixels; corners ``(V, 4, 2)`` are NaN without an answer.
     """
@@ -126,12 +134,18 @@ def _answers(
         estimate = estimator.estimate(features, placed.thermal, ortho_views_px, placed.origin_px)
     except DegenerateHomographyError:
         wait_for_gpu()
-        return np.full(views_px.shape, np.nan), 0.0, time.perf_counter() - started_s
+        nothing = _Stated(0.0, np.full((4, 2), np.nan))
+        return np.full(views_px.shape, np.nan), nothing, time.perf_counter() - started_s
     wait_for_gpu()
     seconds = time.perf_counter() - started_s
     found_px = placed.to_satellite(estimate.corners_px)
     recovered = [_recovered(views_px, found_px, view) for view in range(len(views_px))]
-    return np.stack(recovered), estimate.confidence, seconds
+    std_px = estimate.modelled_std_px
+    if std_px is None:
+        std_px = np.full((4, 2), np.nan)
+    scale = placed.to_satellite(np.array([[0.0, 0.0], [1.0, 0.0]]))
+    std_px = std_px * float(np.linalg.norm(scale[1] - scale[0]))
+    return np.stack(recovered), _Stated(estimate.confidence, std_px), seconds
 
 
 def _recovered(views_px: FloatArray, found_px: FloatArray, view: int) -> FloatArray:

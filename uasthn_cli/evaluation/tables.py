@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 
@@ -49,9 +50,13 @@ def run_names(settings: Sequence[Settings]) -> list[str]:
         if field.name not in _UNNAMED and len({getattr(one, field.name) for one in settings}) > 1
     ]
     names = []
+    taken: Counter[tuple[str, float | None]] = Counter()
     for one in settings:
         parts = [f"{name.replace('_', ' ')} {_plain(getattr(one, name))}" for name in varying]
-        names.append(", ".join([one.estimator, *parts]))
+        name = ", ".join([one.estimator, *parts])
+        taken[name, one.max_offset_m] += 1
+        number = taken[name, one.max_offset_m]
+        names.append(name if number == 1 else f"{name} #{number}")
     return names
 
 
@@ -80,17 +85,16 @@ def timing_rows(runs: Sequence[Predictions]) -> list[TimingRow]:
 
 
 def accuracy_table(rows: Sequence[AccuracyRow], tolerance_m: float) -> list[list[str]]:
-    """Return cells, the header first: a group of columns per D_C."""
-    offsets = list(dict.fromkeys(row.max_offset_m for row in rows))
-    labels = ("MACE m", "CE m", "accepted", f"of these ≤ {tolerance_m:g} m", "AUC")
-    header = ["run", "UE", "samples"]
-    header += [f"{_offset(offset)}{label}" for offset in offsets for label in labels]
-    lines = {(row.run, row.ue): [row.run, row.ue, str(row.scores.samples)] for row in rows}
-    by_place = {(row.run, row.ue, row.max_offset_m): row.scores for row in rows}
-    for (run, ue), cells in lines.items():
-        for offset in offsets:
-            cells += _score_cells(by_place.get((run, ue, offset)))
-    return [header, *lines.values()]
+    """Return cells, the header first."""
+    header = ["run", "UE", "D_C m", "samples", "MACE m", "CE m", "accepted"]
+    lines = []
+    for row in rows:
+        scores = row.scores
+        cells = [row.run, row.ue, _plain(row.max_offset_m), str(scores.samples)]
+        cells += [_number(scores.mace_m, 2), _number(scores.ce_m, 2)]
+        cells += [_number(scores.accepted_fraction, 3), _number(scores.accepted_within, 3)]
+        lines.append([*cells, _number(scores.auc, 3)])
+    return [[*header, f"of these ≤ {tolerance_m:g} m", "AUC"], *lines]
 
 
 def timing_table(rows: Sequence[TimingRow]) -> list[list[str]]:
@@ -107,12 +111,12 @@ def timing_table(rows: Sequence[TimingRow]) -> list[list[str]]:
 
 def accuracy_csv(rows: Sequence[AccuracyRow]) -> str:
     """Return one line per row; what there is none of stays empty."""
-    return _csv([_flat(row) for row in rows])
+    return rows_csv([_flat(row) for row in rows])
 
 
 def timing_csv(rows: Sequence[TimingRow]) -> str:
     """Return one line per row; what there is none of stays empty."""
-    return _csv([asdict(row) for row in rows])
+    return rows_csv([asdict(row) for row in rows])
 
 
 def evaluation_json(
@@ -151,29 +155,14 @@ def _flat(row: AccuracyRow) -> dict[str, object]:
     return named | asdict(row.scores)
 
 
-def _csv(rows: Sequence[dict[str, object]]) -> str:
+def rows_csv(rows: Sequence[dict[str, object]]) -> str:
+    """Return dictionaries of the same keys as CSV; None stays empty."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()
     for row in rows:
         writer.writerow({key: "" if value is None else value for key, value in row.items()})
     return text.getvalue()
-
-
-def _score_cells(scores: Scores | None) -> list[str]:
-    if scores is None:
-        return [_NONE] * 5
-    return [
-        _number(scores.mace_m, 2),
-        _number(scores.ce_m, 2),
-        _number(scores.accepted_fraction, 3),
-        _number(scores.accepted_within, 3),
-        _number(scores.auc, 3),
-    ]
-
-
-def _offset(offset_m: float | None) -> str:
-    return "" if offset_m is None else f"D_C {offset_m:g}: "
 
 
 def _number(value: float | None, digits: int) -> str:

@@ -121,14 +121,16 @@ def _backing(frames: Sequence[FlightFrame], apart_m: FloatArray) -> FloatArray:
 
 
 def support_of(backing: FloatArray) -> FloatArray:
-    """Return for each frame the mean ``(T,)`` of its near frames, in the log's order.
+    """Return for each frame the mean ``(T,)`` of the 25 nearest frames, in the log's order.
 
-    ``backing`` ``(T,)`` in 0..1; a frame counts among its own neighbours.
+    ``backing`` ``(T,)`` in 0..1; a frame counts among its own neighbours. Near the ends of a flight
+    more of them lie on one side: fewer would agree by chance more often.
     """
-    kernel = np.ones(2 * _NEIGHBOURS + 1)
-    counted = np.convolve(np.ones(len(backing)), kernel)[_NEIGHBOURS : _NEIGHBOURS + len(backing)]
-    total = np.convolve(backing, kernel)[_NEIGHBOURS : _NEIGHBOURS + len(backing)]
-    return np.asarray(total / counted)
+    total, width = len(backing), 2 * _NEIGHBOURS + 1
+    sums = np.concatenate([[0.0], np.cumsum(backing)])
+    first = np.clip(np.arange(total) - _NEIGHBOURS, 0, max(total - width, 0))
+    last = np.minimum(first + width, total)
+    return np.asarray((sums[last] - sums[first]) / (last - first))
 
 
 def _placed(camera: CameraModel, prior: Prior, local: LocalFrame) -> Placement | None:

@@ -1,12 +1,13 @@
 """The paper's networks behind the common seam, with networks whose answer is known."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from matching_scene import centred_origin, encoded, full_view, map_window, thermal_cut
-from small_displacement_models import small_model, small_weights
+from small_displacement_models import FIRST, SETTINGS, small_model, small_weights
 from small_flight import ground_texture
 
 from uasthn_cli.errors import WeightsError
@@ -20,6 +21,8 @@ from uasthn_cli.matching.displacement.estimator import (
     Square,
     open_displacement,
 )
+from uasthn_cli.matching.displacement.ihn import IterativeHomographyNetwork
+from uasthn_cli.matching.displacement.model import DisplacementModel
 from uasthn_cli.matching.registry import open_estimator
 from uasthn_cli.types import Estimate, FloatArray
 
@@ -141,3 +144,17 @@ def test_squares_reach_beyond_their_image() -> None:
     away = Square.around(np.array([30.0, 0.0]), 2.4)
     assert away.width_px == 3
     assert (away.cut(image) == 0.0).all()
+
+
+@pytest.mark.parametrize("views", [full_view(thermal_cut(GREY, CORNER_PX, SIZE_PX)), with_crops()])
+def test_a_second_head_states_deviations_in_window_pixels(views: FloatArray) -> None:
+    network = IterativeHomographyNetwork(replace(FIRST, has_uncertainty_head=True)).eval()
+    estimator = DisplacementEstimator(DisplacementModel(network, None, SETTINGS))
+    head = {name: value for name, value in network.state_dict().items() if name.startswith("ue_")}
+    last = [name for name in head if name.endswith((".weight", ".bias"))][-2:]
+    head[last[0]].zero_()
+    head[last[1]].fill_(2.0)  # of the logarithm of the variance, whatever is seen
+    stated = estimate(estimator, views).modelled_std_px
+    assert stated is not None
+    assert stated == pytest.approx(np.full((4, 2), np.e / PER_PIXEL), rel=0.01)
+    assert estimate(DisplacementEstimator(small_model("ihn")), views).modelled_std_px is None

@@ -31,12 +31,14 @@ class Agreement:
     """``samples`` ``(N, B, 4, 2)``: displacements of the whole image by each view or network.
 
     ``original`` ``(B, 4, 2)`` is the first one's after all steps: it went on where the others were
-    stopped early (``is_stopped``). All in pixels of W_R.
+    stopped early (``is_stopped``). ``modelled_std`` ``(B, 4, 2)`` is the deviation that a Direct
+    Modeling head gives the original, None without one. All in pixels of W_R.
     """
 
     samples: Tensor
     original: Tensor
     is_stopped: bool = False
+    modelled_std: Tensor | None = None
 
     @property
     def std(self) -> Tensor:
@@ -77,15 +79,15 @@ def crop_agreement(
         raise ValueError("CropTTA needs at least two views: the whole image and one crop")
     steps = _steps_together(network, iterations, stop)
     crops = [sample_boxes(thermal, box.expand(samples, -1, -1)) for box in crop_corners]
-    first, found = _located(network, satellite_features, crops, steps)
+    first, found, modelled_std = _located(network, satellite_features, crops, steps)
     corners = crop_corners.repeat_interleave(samples, dim=0)
     recovered = recover_displacement(corners, found).reshape(views, samples, 4, 2)
     original = found[:samples]
     if steps < iterations and network.is_iterative:
         is_held = stop is not None and stop.is_lookup_held
         going_on = network.refine(first, iterations - steps, original, is_lookup_held=is_held)
-        original = going_on.last
-    return Agreement(recovered, original, is_stopped=stop is not None)
+        original, modelled_std = going_on.last, going_on.deviations
+    return Agreement(recovered, original, stop is not None, modelled_std)
 
 
 def ensemble_agreement(
@@ -129,17 +131,22 @@ def _steps_together(network: DisplacementNetwork, iterations: int, stop: EarlySt
 
 def _located(
     network: DisplacementNetwork, satellite_features: Tensor, crops: Sequence[Tensor], steps: int
-) -> tuple[Any, Tensor]:
-    """Return the whole images' pairing and the displacements ``(N * B, 4, 2)`` of all views.
+) -> tuple[Any, Tensor, Tensor | None]:
+    """Return the whole images' pairing, displacements ``(N * B, 4, 2)`` of all views, deviations.
+
+    The deviations ``(B, 4, 2)`` are what a Direct Modeling head says of the whole images.
 
     A CPU takes view by view: one view's correlations at a time keep to its caches and to memory.
     """
     samples = len(crops[0])
     if satellite_features.is_cpu and not torch.is_grad_enabled():
         first = network.pair(satellite_features, crops[0])
-        found = [network.refine(first, steps).last]
+        seen = network.refine(first, steps)
+        found = [seen.last]
         for crop in crops[1:]:
             found.append(network.refine(network.pair(satellite_features, crop), steps).last)
-        return first, torch.cat(found)
+        return first, torch.cat(found), seen.deviations
     pairing = network.pair(satellite_features, torch.cat(list(crops)))
-    return pairing.first(samples), network.refine(pairing, steps).last
+    seen = network.refine(pairing, steps)
+    deviations = None if seen.deviations is None else seen.deviations[:samples]
+    return pairing.first(samples), seen.last, deviations

@@ -32,16 +32,11 @@ from uasthn_cli.matching.displacement.model import (
     authors_config,
     model_of,
 )
+from uasthn_cli.matching.hub import CONFIG_FILE, PICKLED_FILE, SAFETENSORS_FILE
 from uasthn_cli.matching.weights import canonical_safetensors
 
 FORMATS = {f"uasthn-{name}-1": name for name in NAMES}
 """Ids of our own layout, and the estimator each is for."""
-
-CONFIG_FILE, SAFETENSORS_FILE, PICKLED_FILE = (
-    "config.json",
-    "model.safetensors",
-    "pytorch_model.bin",
-)
 
 _THERMAL_WIDTH_PX = 512
 """W_T of the paper, which the authors' configuration does not mention."""

@@ -22,6 +22,7 @@ from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.displacement.agreement import EarlyStop, crop_agreement
 from uasthn_cli.matching.displacement.checkpoints import load_displacement
 from uasthn_cli.matching.displacement.homography import corners_at_width, resize_to_network
+from uasthn_cli.matching.displacement.ihn import IterativeHomographyNetwork
 from uasthn_cli.matching.displacement.model import DisplacementModel
 from uasthn_cli.matching.displacement.sthn import look_again
 from uasthn_cli.types import Estimate, FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
@@ -110,31 +111,52 @@ class DisplacementEstimator:
         grey = np.where(thermal.valid, thermal.image, shown.mean() if shown.size else 0.0)
         image = ortho.cut(grey.astype(np.float32)[None], float(grey.mean()))
         small = resize_to_network(self._tensor(image).expand(-1, 3, -1, -1)).clamp(0.0, 1.0)
-        found = self._located(satellite, small, _boxes(ortho, middles_px, widths_px))
+        boxes = _boxes(ortho, middles_px, widths_px)
+        found, modelled_std = self._located(satellite, small, boxes)
         corners = corners_at_width(found, window.width_px).double().cpu().numpy()
         placed = _placed(ortho, corners + window.first_px, views_px, views_px + origin_px)
         if self._second is not None:
-            second = look_again(
-                self._second,
-                satellite,
-                small,
-                found[:1],
-                self._settings.second_iterations,
-                self._settings.box_padding,
+            better = self._second_look(self._second, satellite, small, found[:1])
+            placed = transform_points(
+                homography_from_corners(corners[0] + window.first_px, better + window.first_px),
+                placed,
             )
-            better = corners_at_width(second.displacement[0], window.width_px)
-            H = homography_from_corners(
-                corners[0] + window.first_px, better.double().cpu().numpy() + window.first_px
-            )
-            placed = transform_points(H, placed)
-        return Estimate(placed, 1.0)
+        if modelled_std is None:
+            return Estimate(placed, 1.0)
+        std_px = modelled_std.double().cpu().numpy() * (window.width_px / RESIZED_WIDTH_PX)
+        return Estimate(placed, 1.0, modelled_std_px=std_px)
 
     def _tensor(self, image: ImageArray) -> Tensor:
         """Return ``(1, C, h, w)`` on the device."""
         return torch.from_numpy(image)[None].to(self._device)
 
-    def _located(self, satellite: Tensor, thermal: Tensor, boxes: FloatArray) -> Tensor:
+    def _second_look(
+        self,
+        network: IterativeHomographyNetwork,
+        satellite: Tensor,
+        thermal: Tensor,
+        displacement: Tensor,
+    ) -> FloatArray:
+        """Return corners ``(4, 2)`` in the window's square as the second stage has them."""
+        settings = self._settings
+        seen = look_again(
+            network,
+            satellite,
+            thermal,
+            displacement,
+            settings.second_iterations,
+            settings.box_padding,
+        )
+        corners = corners_at_width(seen.displacement[0], satellite.shape[-1])
+        better: FloatArray = corners.double().cpu().numpy()
+        return better
+
+    def _located(
+        self, satellite: Tensor, thermal: Tensor, boxes: FloatArray
+    ) -> tuple[Tensor, Tensor | None]:
         """Return displacements ``(N, 4, 2)`` of the ortho's square as each view has it.
+
+        Beside them, the deviations ``(4, 2)`` that a Direct Modeling head gives the first one's.
 
         With early stopping the first view's is what it was when all views were stopped, plus what
         came after: the spread then is that of the views when they were stopped.
@@ -143,11 +165,13 @@ class DisplacementEstimator:
         encoded = network.encode_satellite(resize_to_network(satellite).clamp(0.0, 1.0))
         if len(boxes) == 1:
             pairing: Any = network.pair(encoded, thermal)
-            return network.refine(pairing, settings.iterations).last
+            seen = network.refine(pairing, settings.iterations)
+            return seen.last, None if seen.deviations is None else seen.deviations[0]
         corners = torch.from_numpy(boxes).to(thermal)
         agreed = crop_agreement(network, encoded, thermal, corners, settings.iterations, self._stop)
         found = agreed.samples[:, 0]
-        return found + (agreed.original[0] - found[0])
+        std = None if agreed.modelled_std is None else agreed.modelled_std[0]
+        return found + (agreed.original[0] - found[0]), std
 
 
 def open_displacement(

@@ -23,7 +23,6 @@ class TgmStory:
     changes: Sequence[str]
     validation_l1_grey: float | None
     licence_note: str | None
-    command_line: str | None
 
 
 def tgm_card(name: str, generator: TrainedGenerator, story: TgmStory) -> str:
@@ -52,8 +51,6 @@ def _lines(name: str, generator: TrainedGenerator, story: TgmStory) -> Iterator[
     )
     yield from (f"| {setting} | {value} |" for setting, value in _settings(story))
     yield from (f"\nChanged on the way: {change}." for change in story.changes)
-    if story.command_line is not None:
-        yield from ("", "```sh", story.command_line, "```")
     yield from ("", "## Validation", "", _validation(story), "", "## Network", "")
     yield from _network(generator, story)
 

@@ -17,6 +17,7 @@ _DROPOUT: Final = 0.5
 _DROPOUT_BLOCKS: Final = 3
 _MOST_DOUBLINGS: Final = 3
 _INITIAL_DEVIATION: Final = 0.02
+_SMALLEST_PX: Final = 8
 
 
 class GeneratorKind(StrEnum):
@@ -43,6 +44,11 @@ class GeneratorArchitecture:
     def stride_px(self) -> int:
         """Sizes of images are multiples of this."""
         return int(2**self.levels) if self.kind is GeneratorKind.UNET else 4
+
+    @property
+    def smallest_px(self) -> int:
+        """The smallest image: norms and mirrored edges need more than one pixel at any level."""
+        return max(self.stride_px, _SMALLEST_PX)
 
     def as_metadata(self) -> dict[str, object]:
         """Return a JSON-ready description."""

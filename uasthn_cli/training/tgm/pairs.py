@@ -24,6 +24,7 @@ from uasthn_cli.geometry.pixels import resize_homography
 from uasthn_cli.types import FloatArray
 
 _PROBES: Final = 16
+_ROUNDING: Final = 1e-6
 _GREY_LEVELS: Final = 127.5
 
 
@@ -66,7 +67,7 @@ def aligned_satellite(sample: MatchSample, size_px: int) -> NDArray[np.uint8]:
     Raises:
         TrainingDataError: the sample's corners enclose no area.
     """
-    oversampling = max(1, math.ceil(footprint_px(sample) / size_px))
+    oversampling = max(1, math.ceil(footprint_px(sample) / size_px - _ROUNDING))
     fine_px = oversampling * size_px
     H_fine_thermal = resize_homography((fine_px, fine_px), sample.thermal.shape[::-1])
     H_fine_satellite = _thermal_to_satellite(sample) @ H_fine_thermal

@@ -34,8 +34,8 @@ LOG_COLUMNS: Final = (
 class TgmJob:
     """What to learn from, how, and where the weights go.
 
-    ``source``, ``licence_note`` and ``command_line`` go into the model card as they are;
-    ``validation`` holds pairs that are never trained on.
+    ``source`` and ``licence_note`` go into the model card as they are; ``validation`` holds
+    pairs that are never trained on.
     """
 
     out: Path
@@ -45,7 +45,6 @@ class TgmJob:
     validation: MatchDataset | None = None
     overwrite: bool = False
     licence_note: str | None = None
-    command_line: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,15 +63,20 @@ class TgmRun:
 
         Raises:
             OutputError: the output exists or cannot be written.
-            TrainingDataError: there are no pairs, or the checkpoint is of another run.
+            TrainingDataError: there are no pairs, those to judge by are those to learn from, or
+                the checkpoint is of another run.
         """
         _require_fitting_size(job.config)
         self.paths = OutputPaths(job.out)
         self.paths.prepare(job.overwrite)
         self._job = job
         self._pairs = summarise(job.dataset, job.config.size_px)
-        if job.validation is not None and len(job.validation) == 0:
-            raise TrainingDataError("the data set to validate on holds no pair")
+        if job.validation is not None:
+            held_out = summarise(job.validation, job.config.size_px)
+            if held_out.fingerprint == self._pairs.fingerprint:
+                raise TrainingDataError(
+                    f"{job.source}: the pairs to judge by are those to learn from; give others"
+                )
         self._trainee = open_tgm_trainee(job.config, self.paths.checkpoint, self._pairs.fingerprint)
         self._log = StepLog(self.paths.log, self._trainee.step, LOG_COLUMNS)
         self.saved_step = self._trainee.step
@@ -117,7 +121,6 @@ class TgmRun:
             changes=self.changes,
             validation_l1_grey=self._validate(),
             licence_note=job.licence_note,
-            command_line=job.command_line,
         )
         notes = {
             "version": __version__,

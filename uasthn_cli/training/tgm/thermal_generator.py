@@ -26,7 +26,7 @@ class ThermalGenerator:
         """Take a trained generator to a device."""
         self._network = trained.network.to(device).eval()
         self._device = device
-        self._stride_px = trained.architecture.stride_px
+        self._architecture = trained.architecture
         self.size_px = trained.size_px
         self.gsd_m = trained.gsd_m
 
@@ -51,13 +51,18 @@ class ThermalGenerator:
         if rgb.ndim != 3 or rgb.shape[-1] != 3 or rgb.dtype != np.uint8 or 0 in rgb.shape:
             raise ValueError(f"not a window of 8-bit colours: {rgb.shape}, {rgb.dtype}")
         height_px, width_px = rgb.shape[:2]
-        below, right = -height_px % self._stride_px, -width_px % self._stride_px
+        below, right = self._missing_px(height_px), self._missing_px(width_px)
         padded = np.asarray(
             cv2.copyMakeBorder(rgb, 0, below, 0, right, cv2.BORDER_REFLECT_101), dtype=np.uint8
         )
         with torch.no_grad():
             drawn = self._network(as_tensor(padded[None]).to(self._device))
         return grey_levels(drawn[0, 0, :height_px, :width_px])
+
+    def _missing_px(self, side_px: int) -> int:
+        """Return how many pixels a side lacks to be one that the network takes."""
+        stride_px = self._architecture.stride_px
+        return max(self._architecture.smallest_px - side_px, -side_px % stride_px)
 
     def pixels_of(self, length_m: float) -> int:
         """Return how many pixels of the generator's own a length on the ground is, at least 1."""

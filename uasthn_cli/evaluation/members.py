@@ -1,0 +1,58 @@
+"""Open the networks that answer: a base network, and further members of a deep ensemble."""
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from uasthn_cli.errors import WeightsError
+from uasthn_cli.matching.registry import open_estimator
+from uasthn_cli.types import Estimator
+
+
+def open_members(
+    name: str,
+    weights: Sequence[Path],
+    *,
+    device: str,
+    symmetries: int,
+    ensemble: bool,
+    ue_iterations: int | None = None,
+) -> list[Estimator]:
+    """Return an estimator for each file of weights, the first being the base network.
+
+    Without any it is the estimator as it comes; ``ensemble`` takes the members in the box;
+    ``ue_iterations`` is the paper's early stopping.
+
+    Raises:
+        WeightsError: the weights cannot be used, or there is no ensemble in the box.
+        MissingExtraError: the estimator needs an optional package that is not installed.
+    """
+    paths: Sequence[Path | None] = [*weights] or [None]
+    if ensemble:
+        if name != "xcorr":
+            raise WeightsError(f"--estimator {name} has no ensemble; leave out --ensemble")
+        if weights:
+            raise WeightsError("--ensemble is of the weights in the box; leave out --weights")
+        # torch is heavy: an estimator without networks never loads it
+        from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE  # noqa: PLC0415
+
+        paths = BUNDLED_ENSEMBLE
+    return [
+        open_estimator(
+            name,
+            weights_path=path,
+            device=device,
+            symmetries=symmetries,
+            ue_iterations=ue_iterations,
+        )
+        for path in paths
+    ]
+
+
+def describe_weights(weights: Sequence[Path], *, ensemble: bool) -> tuple[str, ...]:
+    """Return the files' names with the beginning of their SHA-256, for the predictions' header."""
+    if ensemble:
+        return ("ensemble in the box",)
+    return tuple(
+        f"{path.name}@{hashlib.sha256(path.read_bytes()).hexdigest()[:12]}" for path in weights
+    )
