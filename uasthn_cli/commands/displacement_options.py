@@ -180,7 +180,7 @@ displacement_options: Final = gathered(
         default="laptop",
         show_default=True,
         help="paper-…: 100,000 steps, then 200,000 with crops, 16 pairs a batch, for a GPU; laptop:"
-        " 300 small steps. Other options go before it.",
+        " 200 small steps. Other options go before it.",
     ),
     displacement_option(
         "--batch",

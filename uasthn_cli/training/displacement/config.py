@@ -101,7 +101,7 @@ PRESETS: Final = {
     "paper-dhn": Preset("dhn", 300_000, 16, 5),
     "paper-ihn": Preset("ihn", 300_000, 16, 5),
     "paper-sthn": Preset("sthn", 300_000, 16, 5),
-    "laptop": Preset(None, 300, 2, 3, plain_share=2 / 3, fine_satellite_px=768),
+    "laptop": Preset(None, 200, 2, 3, plain_share=2 / 3, fine_satellite_px=768),
 }
 """``paper-…``: 100k steps, then 200k with crops (paper, sec. IV); ``laptop``: minutes on two cores.
 
