@@ -103,5 +103,7 @@ def encode(figure: Figure | None, file_format: str) -> bytes | None:
     FigureCanvasAgg(figure)
     metadata = {"Software": None} if file_format == "png" else {"Date": None, "Creator": None}
     content = io.BytesIO()
-    figure.savefig(content, format=file_format, dpi=_DOTS_PER_INCH, metadata=metadata)
+    figure.savefig(
+        content, format=file_format, dpi=_DOTS_PER_INCH, bbox_inches="tight", metadata=metadata
+    )
     return content.getvalue()
