@@ -129,6 +129,7 @@ class GeotagConfig:
     device: str = "auto"
     symmetries: int = DEFAULT_SYMMETRIES
     ensemble: bool = False
+    ue_iterations: int | None = None
     crops: CropTtaConfig = CropTtaConfig()
     aggregation: Aggregation = Aggregation.ORIGINAL
     fuse: bool = True

@@ -39,6 +39,7 @@ def _geotag_config(
     estimator: str,
     device: str,
     symmetries: int,
+    ue_iterations: int | None,
     ensemble: bool,
     views: int,
     crop_sampling: str,
@@ -59,6 +60,7 @@ def _geotag_config(
         gsd_m=gsd_m,
         device=device,
         symmetries=symmetries,
+        ue_iterations=ue_iterations,
         ensemble=ensemble,
         crops=CropTtaConfig(views, Sampling(crop_sampling), crop_offset_fraction, seed),
         aggregation=Aggregation(aggregation),
@@ -115,6 +117,13 @@ matching_options: Final = gathered(
         metavar="N",
         show_default=True,
         help="Orientations (1 to 8) in which xcorr sees frame and map; fewer are faster.",
+    ),
+    search_option(
+        "--ue-iterations",
+        type=click.IntRange(min=1),
+        metavar="K",
+        help="Of ihn and sthn: all views take K steps together, then the whole frame goes on alone"
+        " (the paper's early stopping).  [default: all steps]",
     ),
     search_option(
         "--ensemble",

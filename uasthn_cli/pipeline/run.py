@@ -218,6 +218,7 @@ def _open_estimator(
         device=job.config.device,
         symmetries=symmetries or job.config.symmetries,
         ensemble=job.config.ensemble,
+        ue_iterations=job.config.ue_iterations,
         appearance=appearance,
     )
 
