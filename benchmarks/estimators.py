@@ -28,7 +28,8 @@ from uasthn_cli.matching.ncc import NccChannel, NccEstimator
 from uasthn_cli.outputs.atomic import write_text
 from uasthn_cli.outputs.truth import Truth, center_error_m, read_truth
 from uasthn_cli.pipeline import GeotagJob, open_run
-from uasthn_cli.types import BoolArray, Estimator, Fix, FloatArray, FrameResult
+from uasthn_cli.seam import Estimator
+from uasthn_cli.types import BoolArray, Fix, FloatArray, FrameResult
 from uasthn_cli.uncertainty.calibration import load_bundled_calibration
 
 TOLERANCE_M = 25.0

@@ -24,9 +24,9 @@ from uasthn_cli.matching.networks import STRIDE_PX, XcorrModel
 from uasthn_cli.matching.xcorr import XcorrEstimator
 from uasthn_cli.outputs.truth import center_error_m, read_truth
 from uasthn_cli.pipeline import GeotagJob, open_run
+from uasthn_cli.seam import Estimate
 from uasthn_cli.training.fields import resize_square
 from uasthn_cli.types import (
-    Estimate,
     Fix,
     FloatArray,
     GridBox,

@@ -11,15 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.matching.keypoint_matches import Matches, estimate_from_matches
-from uasthn_cli.types import (
-    BoolArray,
-    Estimate,
-    FloatArray,
-    ImageArray,
-    MapFeatures,
-    MapWindow,
-    Ortho,
-)
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import BoolArray, FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
 
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # ITU-R BT.601
 _STRETCH_PERCENT = (1.0, 99.0)

@@ -5,7 +5,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from uasthn_cli.types import Estimate, FloatArray, MapFeatures, MapWindow, Ortho
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import FloatArray, MapFeatures, MapWindow, Ortho
 
 
 class PriorEstimator:

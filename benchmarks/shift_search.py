@@ -9,14 +9,8 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from uasthn_cli.matching.search import MIN_OVERLAP, best_shift, view_masks, within_reach
-from uasthn_cli.types import (
-    Estimate,
-    FloatArray,
-    ImageArray,
-    MapFeatures,
-    MapWindow,
-    Ortho,
-)
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
 
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # ITU-R BT.601
 

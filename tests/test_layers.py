@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).parents[1] / "uasthn_cli"
 
 LAYERS = (
     {"errors", "types", "config"},
-    {"geometry"},
+    {"geometry", "seam"},
     {"ingest", "mapping", "matching", "fusion", "uncertainty", "outputs", "report"},
     {"pipeline"},
     {"synth", "calibration", "datasets.samples"},

@@ -9,7 +9,7 @@ from small_flight import DRIFT_M, HFOV_DEG, make_flight
 
 from uasthn_cli.datasets.flights import FlightDataset
 from uasthn_cli.datasets.spec import DatasetSpec
-from uasthn_cli.errors import DatasetError
+from uasthn_cli.errors import CameraError, DatasetError
 from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px
 from uasthn_cli.ingest.cameras import CameraSpec
 
@@ -81,3 +81,20 @@ def test_frames_that_show_too_little_and_frames_without_truth(folder: Path, tmp_
     truth.write_text(f"{header}\n{first.replace('.png', '.jpg')}\n")
     with pytest.raises(DatasetError, match="no frame has a place both in the log and in truth"):
         FlightDataset(copy, DatasetSpec(camera=CAMERA))
+
+
+def test_without_a_focal_length_the_camera_is_asked_for(folder: Path) -> None:
+    with pytest.raises(CameraError, match="--hfov"):
+        FlightDataset(folder, DatasetSpec(max_offset_m=20.0))
+
+
+def test_a_first_frame_that_cannot_be_read_leaves_the_others(folder: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    first, *others = sorted((copy / "frames").iterdir())
+    first.write_bytes(b"no picture")
+    spec = DatasetSpec(max_offset_m=20.0, camera=CAMERA)
+    assert len(FlightDataset(copy, spec)) == 3
+    for path in others:
+        path.write_bytes(b"no picture")
+    with pytest.raises(DatasetError, match="no frame can be read"):
+        FlightDataset(copy, spec)

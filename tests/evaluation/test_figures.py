@@ -24,7 +24,7 @@ def test_every_figure_is_a_picture() -> None:
     assert set(drawn) == set(FIGURES)
     for content in drawn.values():
         assert content is not None
-        assert Image.open(io.BytesIO(content)).size[0] >= 400
+        assert Image.open(io.BytesIO(content)).size[0] >= 800
     for content in draw_evaluation(curves(UeMethod.CROPTTA), 25.0, "svg").values():
         assert content is not None
         ElementTree.fromstring(content)

@@ -12,7 +12,8 @@ from uasthn_cli.evaluation.predictions import gathered, load_predictions
 from uasthn_cli.evaluation.protocol import WARM_UP_RUNS, ProtocolConfig, predict
 from uasthn_cli.evaluation.run import predict_to_file
 from uasthn_cli.matching.ncc import NccEstimator
-from uasthn_cli.types import Estimate, FloatArray
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import FloatArray
 
 PAIRS = KnownPairs(((10.0, -6.0), (4.0, 4.0), (0.0, 0.0)))
 

@@ -14,7 +14,8 @@ from uasthn_cli.fusion.constants import (
     constants_of_views,
     paraboloid_peak,
 )
-from uasthn_cli.types import FloatArray, Similarity
+from uasthn_cli.seam import Similarity
+from uasthn_cli.types import FloatArray
 
 SPEED_M_S = 15.0
 FRAME_S = 2.0

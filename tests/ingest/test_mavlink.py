@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from simple_flight_log import (
@@ -155,6 +155,18 @@ def test_other_files_are_refused_by_name(tmp_path: Path, content: bytes, words: 
     assert "\n" not in str(caught.value)
 
 
+def test_real_packets_without_times_are_raw_mavlink(tmp_path: Path, log_bytes: bytes) -> None:
+    raw, position = b"", 0
+    while position < len(log_bytes):
+        size = log_bytes[position + 9] + 12  # MAVLink 2, unsigned
+        raw += log_bytes[position + 8 : position + 8 + size]
+        position += 8 + size
+    path = tmp_path / "flight.tlog"
+    path.write_bytes(raw)
+    with pytest.raises(LogUnreadableError, match="without the times"):
+        read_telemetry(path)
+
+
 def test_missing_files_and_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(LogUnreadableError, match="does not exist"):
         read_telemetry(tmp_path / "nothing.tlog")
@@ -211,6 +223,7 @@ def test_damage_never_raises_anything_but_a_clear_error(
 
 
 @given(place=st.integers(0, 3000), length=st.integers(1, 40))
+@example(place=0, length=38)  # what is left begins with a packet, as raw MAVLink does
 @settings(max_examples=50, deadline=None)
 def test_missing_bytes_cost_a_few_records(
     log_bytes: bytes, tmp_path_factory: pytest.TempPathFactory, place: int, length: int

@@ -8,7 +8,7 @@ from small_flight import ground_texture
 
 from uasthn_cli.matching.ncc import NccEstimator
 from uasthn_cli.matching.xcorr import XcorrEstimator
-from uasthn_cli.types import Estimator
+from uasthn_cli.seam import Estimator
 
 TILE = ground_texture(8)[:240, :144]
 TWINS = np.concatenate([TILE, TILE], axis=1)

@@ -13,7 +13,8 @@ from uasthn_cli.geometry.corners import (
     transform_points,
 )
 from uasthn_cli.matching.keypoint_matches import Matches, estimate_from_matches, match_belief
-from uasthn_cli.types import Estimate, FloatArray, GridBox, MapFeatures, MapGrid, Ortho
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import FloatArray, GridBox, MapFeatures, MapGrid, Ortho
 
 WIDTH_PX, HEIGHT_PX, REACH_PX = 96, 80, 64
 VIEW = image_corners_px(WIDTH_PX, HEIGHT_PX)

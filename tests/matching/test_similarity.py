@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from uasthn_cli.matching.similarity import turned_features
-from uasthn_cli.types import Similarity
+from uasthn_cli.seam import Similarity
 
 ROWS, COLUMNS = 41, 57
 

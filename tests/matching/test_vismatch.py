@@ -15,7 +15,7 @@ from uasthn_cli.errors import MissingExtraError, WeightsError
 from uasthn_cli.geometry.corners import DegenerateHomographyError
 from uasthn_cli.matching.registry import open_estimator
 from uasthn_cli.matching.vismatch import VismatchEstimator, open_vismatch
-from uasthn_cli.types import Estimate
+from uasthn_cli.seam import Estimate
 
 GREY = ground_texture(3)
 CORNER_PX, SIZE_PX = (120, 90), (160, 128)

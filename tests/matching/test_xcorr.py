@@ -21,7 +21,8 @@ from uasthn_cli.matching.networks import (
     XcorrModel,
 )
 from uasthn_cli.matching.xcorr import XcorrEstimator
-from uasthn_cli.types import Aligner, Estimate, FloatArray, MapWindow, Ortho, Similarity
+from uasthn_cli.seam import Aligner, Estimate, Similarity
+from uasthn_cli.types import FloatArray, MapWindow, Ortho
 
 GREY = ground_texture(5)[:192, :288]
 CORNER_PX, SIZE_PX = (122, 58), (80, 64)

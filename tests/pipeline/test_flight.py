@@ -25,9 +25,9 @@ from uasthn_cli.outputs.result_json import (
     encode_near_look,
 )
 from uasthn_cli.pipeline import Run
+from uasthn_cli.seam import Estimate
 from uasthn_cli.types import (
     Attitude,
-    Estimate,
     Fix,
     FloatArray,
     FrameFailure,

@@ -19,8 +19,8 @@ from small_flight import MAP_GSD_M
 
 from uasthn_cli.config import CropTtaConfig, DecisionConfig
 from uasthn_cli.matching.ncc import NccEstimator
+from uasthn_cli.seam import Estimate
 from uasthn_cli.types import (
-    Estimate,
     Fix,
     FloatArray,
     FrameFailure,

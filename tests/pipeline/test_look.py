@@ -9,6 +9,7 @@ from posed_flight import HFOV_DEG, SEARCH_RADIUS_M, PosedFlight, opened
 from uasthn_cli.config import CropTtaConfig
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.ingest.cameras import CameraSpec
+from uasthn_cli.ingest.frames import read_frame
 from uasthn_cli.mapping.reader import MapReader
 from uasthn_cli.mapping.tiles import FeatureTiles
 from uasthn_cli.matching.ncc import NccEstimator
@@ -47,7 +48,7 @@ def test_convention_evidence_of_another_scale_peaks_at_the_same_place(
     for prior in priors:
         look = first.look(prior, WHOLE_FRAME, SEARCH_RADIUS_M)
         own = look.estimate.scores
-        evidence = second.evidence(prior, SEARCH_RADIUS_M, look.scene)
+        evidence = second.evidence(prior, read_frame(prior.frame.path), SEARCH_RADIUS_M, look.scene)
         assert own is not None
         assert evidence is not None
         assert evidence.shape == own.shape == look.scene.shifts
@@ -82,4 +83,4 @@ def test_a_second_scale_that_sees_nothing_says_nothing(
         attitude=priors[0].attitude,
         height_source="test",
     )
-    assert second.evidence(far, SEARCH_RADIUS_M, scene) is None
+    assert second.evidence(far, read_frame(far.frame.path), SEARCH_RADIUS_M, scene) is None

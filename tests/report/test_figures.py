@@ -25,7 +25,7 @@ def test_all_figures_of_a_run_with_every_signal() -> None:
         assert content is not None
         with Image.open(io.BytesIO(content)) as picture:
             assert picture.format == "PNG"
-            assert picture.width >= 400
+            assert picture.width == 800
             pixels = np.asarray(picture.convert("RGB"))
         assert (pixels != 255).mean() > 0.02
         edge = np.concatenate([pixels[:2].ravel(), pixels[:, :2].ravel(), pixels[:, -2:].ravel()])

@@ -11,7 +11,8 @@ from uasthn_cli.datasets.samples import MatchSample
 from uasthn_cli.datasets.windows import square_corners_px
 from uasthn_cli.evaluation.predictions import Prediction, Predictions, Settings, gathered
 from uasthn_cli.geometry.corners import DegenerateHomographyError
-from uasthn_cli.types import Estimate, FloatArray, MapFeatures, MapWindow, Ortho
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import FloatArray, MapFeatures, MapWindow, Ortho
 
 SETTINGS = Settings(
     dataset="somewhere",

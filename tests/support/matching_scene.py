@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.geometry.corners import image_corners_px
+from uasthn_cli.seam import Estimator
 from uasthn_cli.types import (
     BoolArray,
-    Estimator,
     FloatArray,
     GridBox,
     ImageArray,

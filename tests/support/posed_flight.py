@@ -29,7 +29,7 @@ from uasthn_cli.config import GeotagConfig
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.ingest.mavlink import TlogWriter
 from uasthn_cli.pipeline import GeotagJob, Run, open_run
-from uasthn_cli.types import Estimator
+from uasthn_cli.seam import Estimator
 
 FloatArray = NDArray[np.float64]
 

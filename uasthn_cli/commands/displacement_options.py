@@ -8,6 +8,7 @@ import click
 from uasthn_cli.commands.options import gathered
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO, FiniteRange
 from uasthn_cli.commands.sections import section_option
+from uasthn_cli.commands.window_options import window_options
 
 if TYPE_CHECKING:
     from uasthn_cli.training.displacement.config import DisplacementConfig
@@ -120,22 +121,7 @@ displacement_options: Final = gathered(
         help="Pairs to judge by that are never trained on.  [default: of Boson-nighttime its part"
         " val, of overhead images other windows; else none]",
     ),
-    pairs_option(
-        "--ws",
-        "window_m",
-        type=ABOVE_ZERO,
-        metavar="M",
-        help="W_S: width of the satellite window.  [default: 1536; a flight: just enough]",
-    ),
-    pairs_option(
-        "--wt",
-        "thermal_m",
-        type=ABOVE_ZERO,
-        default=512.0,
-        show_default=True,
-        metavar="M",
-        help="W_T: width of a rendered thermal image.",
-    ),
+    *window_options(pairs_option),
     pairs_option(
         "--dc",
         "max_offset_m",
@@ -143,14 +129,6 @@ displacement_options: Final = gathered(
         metavar="M",
         help="D_C: the farthest that the window's middle lies from the thermal image's."
         "  [default: 512; a flight: where the log has it]",
-    ),
-    pairs_option(
-        "--gsd",
-        "gsd_m",
-        type=ABOVE_ZERO,
-        metavar="M",
-        help="Ground metres per pixel of rendered pairs and flights.  [default: the map's own, for"
-        " flights half of it; needed for images without a georeference]",
     ),
     pairs_option(
         "--yaw-error",
@@ -168,11 +146,6 @@ displacement_options: Final = gathered(
         show_default=True,
         metavar="SHARE",
         help="Standard deviation of a rendered thermal image's scale.",
-    ),
-    pairs_option(
-        "--exclude-validation",
-        is_flag=True,
-        help="Leave out images of Boson-nighttime that see its validation region.",
     ),
     displacement_option(
         "--preset",

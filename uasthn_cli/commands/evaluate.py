@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from uasthn_cli.evaluation.predictions import Predictions, Settings
     from uasthn_cli.evaluation.protocol import ProtocolConfig
     from uasthn_cli.ingest.cameras import CameraSpec
-    from uasthn_cli.types import Estimator
+    from uasthn_cli.seam import Estimator
 
 _EXAMPLES: Final = """\
 \b

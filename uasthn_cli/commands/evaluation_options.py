@@ -15,6 +15,7 @@ from uasthn_cli.commands.parameter_types import (
     StdThresholdType,
 )
 from uasthn_cli.commands.sections import section_option
+from uasthn_cli.commands.window_options import window_options
 from uasthn_cli.config import (
     DEFAULT_SYMMETRIES,
     FALLBACK_MAX_STD_M,
@@ -174,30 +175,7 @@ _DATA_OPTIONS: Final = (
         help="D_C: the farthest that the satellite window's middle lies from the thermal image's;"
         " several times for a table of several.  [default: 512; a flight: where the log has it]",
     ),
-    data_option(
-        "--ws",
-        "window_m",
-        type=ABOVE_ZERO,
-        metavar="M",
-        help="W_S: width of the satellite window.  [default: 1536; a flight: just enough for --dc]",
-    ),
-    data_option(
-        "--wt",
-        "thermal_m",
-        type=ABOVE_ZERO,
-        default=512.0,
-        show_default=True,
-        metavar="M",
-        help="W_T: width of a rendered thermal image, and the most that is used of a frame.",
-    ),
-    data_option(
-        "--gsd",
-        "gsd_m",
-        type=ABOVE_ZERO,
-        metavar="M",
-        help="Ground metres per pixel of rendered pairs and flights.  [default: the map's own, for"
-        " flights half of it; needed for images without a georeference]",
-    ),
+    *window_options(data_option),
     data_option(
         "--samples",
         type=click.IntRange(min=1),
@@ -210,11 +188,6 @@ _DATA_OPTIONS: Final = (
         default="test",
         show_default=True,
         help="Part of Boson-nighttime.",
-    ),
-    data_option(
-        "--exclude-validation",
-        is_flag=True,
-        help="Leave out images of Boson-nighttime that see its validation region.",
     ),
 )
 

@@ -4,6 +4,7 @@ A flight is a folder with ``flight.tlog``, ``frames/``, ``map.tif`` and ``truth.
 ``uasthn synth`` writes it. Of each rectified frame the largest upright square is used.
 """
 
+import logging
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,11 +15,12 @@ from uasthn_cli.config import MAX_MAP_ENLARGEMENT, PriorConfig
 from uasthn_cli.datasets.samples import MatchSample
 from uasthn_cli.datasets.spec import DatasetSpec
 from uasthn_cli.datasets.windows import draw_offset_m, sample_rng, satellite_u8, thermal_u8
-from uasthn_cli.errors import DatasetError
+from uasthn_cli.errors import CameraError, DatasetError
 from uasthn_cli.geometry.camera import undistort_points
 from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px, transform_points
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.geometry.pixels import metres_to_grid
+from uasthn_cli.ingest.cameras import FocalLengthUnknownError
 from uasthn_cli.ingest.frames import UnreadableFrameError, frame_size_px, list_frames, read_frame
 from uasthn_cli.ingest.mavlink import read_telemetry
 from uasthn_cli.ingest.priors import build_priors
@@ -31,6 +33,8 @@ from uasthn_cli.mapping.ortho import (
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
 from uasthn_cli.outputs.truth import TrueFrame, read_truth
 from uasthn_cli.types import BoolArray, CameraModel, FloatArray, GridBox, Ortho, Prior
+
+_log = logging.getLogger(__name__)
 
 PARTS: Final = ("flight.tlog", "frames", "map.tif", "truth.csv")
 
@@ -122,9 +126,25 @@ class FlightDataset:
         size_px = frame_size_px(prior.frame.path)
         return self._spec.camera.model_of_frame(prior.frame.path, *size_px)
 
+    def _first_camera(self, priors: list[Prior]) -> CameraModel:
+        """Return the camera of the first frame that can be read.
+
+        Raises:
+            CameraError: neither the description nor the frame tells a focal length.
+            DatasetError: no frame can be read.
+        """
+        for prior in priors:
+            try:
+                return self._camera(prior)
+            except FocalLengthUnknownError as error:
+                raise CameraError(f"{prior.frame.path}: {error}") from error
+            except UnreadableFrameError as error:
+                _log.debug("%s: %s", prior.frame.name, error)
+        raise DatasetError(f"{priors[0].frame.path.parent}: no frame can be read")
+
     def _finest_gsd_m(self, priors: list[Prior]) -> float:
         """Return half the map's pixel, or more where a footprint would have too many of them."""
-        camera = self._camera(priors[0])
+        camera = self._first_camera(priors)
         height_m = float(np.median([prior.height_above_ground_m for prior in priors]))
         footprint_m = height_m * camera.width_px / camera.focal_x_px
         native_m = native_gsd_m(self._map_path, self._frame)

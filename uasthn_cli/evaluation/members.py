@@ -6,7 +6,7 @@ from pathlib import Path
 
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.registry import open_estimator
-from uasthn_cli.types import Estimator
+from uasthn_cli.seam import Estimator
 
 
 def open_members(

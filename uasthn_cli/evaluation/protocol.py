@@ -17,7 +17,8 @@ from uasthn_cli.geometry.corners import (
     transform_points,
 )
 from uasthn_cli.matching.waiting import wait_for_gpu
-from uasthn_cli.types import BoolArray, Estimator, FloatArray, MapFeatures
+from uasthn_cli.seam import Estimator
+from uasthn_cli.types import BoolArray, FloatArray, MapFeatures
 from uasthn_cli.uncertainty.views import crop_views_px
 
 WORKING_WIDTH_PX: Final = {"xcorr": THERMAL_WIDTH_PX, "ncc": THERMAL_WIDTH_PX}

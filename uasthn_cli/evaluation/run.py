@@ -17,7 +17,7 @@ from uasthn_cli.evaluation.predictions import (
     scattered,
 )
 from uasthn_cli.evaluation.protocol import ProtocolConfig, predict
-from uasthn_cli.types import Estimator
+from uasthn_cli.seam import Estimator
 
 SAVE_EVERY_S: Final = 30.0
 

@@ -16,12 +16,12 @@ from uasthn_cli.evaluation.judging import JudgingConfig, UeMethod, judge
 from uasthn_cli.evaluation.predictions import Settings, gathered
 from uasthn_cli.evaluation.protocol import ProtocolConfig, predict
 from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M
+from uasthn_cli.seam import Estimator
 from uasthn_cli.synth.flight import render_flight
 from uasthn_cli.synth.flight_config import FlightConfig, StressConfig
 from uasthn_cli.synth.flight_folder import flight_in
 from uasthn_cli.synth.kinds import LandscapeKind, StressCategory
 from uasthn_cli.synth.stress import ON_MAP_COLUMN, stress_flight
-from uasthn_cli.types import Estimator
 
 HEALTHY: Final = "healthy"
 CATEGORIES: Final = tuple(name for name in StressCategory if name is not StressCategory.WRONG_PLACE)

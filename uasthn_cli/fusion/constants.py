@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uasthn_cli.types import FloatArray, Similarity
+from uasthn_cli.seam import Similarity
+from uasthn_cli.types import FloatArray
 
 ScoreFrames = Callable[[Sequence[Similarity]], FloatArray]
 """Log-likelihoods ``(F, n)`` of F frames under n hypotheses."""

@@ -64,7 +64,7 @@ def read_telemetry(path: Path) -> Telemetry:
         NoPositionError: the log holds no position or no attitude.
     """
     with _mapped(path) as data:
-        kind = foreign_format(data[:16])
+        kind = foreign_format(data)
         if kind is not None:
             raise LogUnreadableError(
                 f"{path} is {kind}; give the ground station's .tlog of the same flight"

@@ -26,9 +26,8 @@ _FOREIGN = (
     (b"ULog\x01", "a PX4 ULog (.ulg), written on board"),
     (b"\x1f\x8b", "gzip-compressed: unpack it first"),
     (b"PK\x03\x04", "a zip archive: unpack it first"),
-    (b"\xfd", "raw MAVLink without the times of its records (.raw)"),
-    (b"\xfe", "raw MAVLink without the times of its records (.raw)"),
 )
+_RAW = "raw MAVLink without the times of its records (.raw)"
 
 Buffer = bytes | mmap.mmap
 Message = TypeVar("Message")
@@ -45,8 +44,16 @@ class Packet:
     component: int
 
 
-def foreign_format(head: bytes) -> str | None:
-    """Return what kind of file its first bytes give away, or None if it may be a ``.tlog``."""
+def foreign_format(data: Buffer) -> str | None:
+    """Return what kind of file its beginning gives away, or None if it may be a ``.tlog``.
+
+    A ``.tlog`` that lost its beginning may start with a packet too: there a record follows.
+    """
+    head = data[:16]
+    if head[:1] in (bytes([_MAGIC_V1]), bytes([_MAGIC_V2])):
+        first = _packet_from(data, 0)
+        is_cut = first is not None and _RECORD_START.match(data, first.end) is not None
+        return None if is_cut else _RAW
     return next((kind for magic, kind in _FOREIGN if head.startswith(magic)), None)
 
 
@@ -85,7 +92,11 @@ def _packet_at(data: Buffer, position: int) -> Packet | None:
     """Return the packet of the record that starts at ``position``, if one fits there whole."""
     if _RECORD_START.match(data, position) is None:
         return None
-    start = position + TIME_BYTES
+    return _packet_from(data, position + TIME_BYTES)
+
+
+def _packet_from(data: Buffer, start: int) -> Packet | None:
+    """Return the packet whose first byte is at ``start``, if it fits there whole."""
     header = data[start : start + _HEADER_V2_BYTES]
     if len(header) < _HEADER_V1_BYTES:
         return None

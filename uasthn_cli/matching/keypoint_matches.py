@@ -5,7 +5,8 @@ import numpy as np
 
 from uasthn_cli.geometry.corners import DegenerateHomographyError, transform_points
 from uasthn_cli.matching.search import within_reach
-from uasthn_cli.types import BoolArray, Estimate, FloatArray, MapFeatures, Ortho
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import BoolArray, FloatArray, MapFeatures, Ortho
 
 Matches = tuple[FloatArray, FloatArray]
 """The same points ``(n, 2)`` in the ortho and in the window."""

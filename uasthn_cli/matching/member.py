@@ -9,7 +9,8 @@ from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_templa
 from uasthn_cli.matching.networks import STRIDE_PX, XcorrModel
 from uasthn_cli.matching.similarity import turned_features
 from uasthn_cli.matching.symmetries import encode_symmetric
-from uasthn_cli.types import MapStatistics, Similarity
+from uasthn_cli.seam import Similarity
+from uasthn_cli.types import MapStatistics
 
 
 class Member:

@@ -14,15 +14,8 @@ from uasthn_cli.matching.search import (
     view_masks,
     within_reach,
 )
-from uasthn_cli.types import (
-    BoolArray,
-    Estimate,
-    FloatArray,
-    ImageArray,
-    MapFeatures,
-    MapWindow,
-    Ortho,
-)
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import BoolArray, FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
 
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # ITU-R BT.601
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from uasthn_cli.config import DEFAULT_SYMMETRIES
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.ncc import NccEstimator
-from uasthn_cli.types import Estimator
+from uasthn_cli.seam import Estimator
 
 DISPLACEMENT_ESTIMATORS = ("dhn", "ihn", "sthn")
 """The paper's networks: they regress corners, and need weights of the user's."""

@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
 from torch import Tensor
 
-from uasthn_cli.types import Similarity
+from uasthn_cli.seam import Similarity
 
 
 def turned_features(

@@ -23,7 +23,8 @@ from uasthn_cli.errors import MissingExtraError, WeightsError
 from uasthn_cli.geometry.corners import DegenerateHomographyError
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.keypoint_matches import Matches, estimate_from_matches
-from uasthn_cli.types import Estimate, FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
 
 _log = logging.getLogger(__name__)
 

@@ -24,11 +24,12 @@ from uasthn_cli.matching.search import (
     within_reach,
 )
 from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR, load_xcorr
-from uasthn_cli.types import Estimate, FloatArray, MapFeatures, MapWindow, Ortho, Similarity
+from uasthn_cli.seam import Estimate, Similarity
+from uasthn_cli.types import FloatArray, MapFeatures, MapWindow, Ortho
 
 
 class XcorrEstimator:
-    """Searches map features for thermal features; see :class:`uasthn_cli.types.Estimator`."""
+    """Searches map features for thermal features; see :class:`uasthn_cli.seam.Estimator`."""
 
     name = "xcorr"
     stride_px = STRIDE_PX
@@ -57,14 +58,16 @@ class XcorrEstimator:
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
         """Return map features ``(C + 2, h / 2, w / 2)`` of all members, zero where not valid.
 
-        The last two are brightness and gradient.
+        The last two are brightness and gradient, if these have a say.
         """
         rgb = torch.from_numpy(window.image).permute(2, 0, 1)[None].to(self._device)
         valid = torch.from_numpy(window.valid).float()[None, None].to(self._device)
         learned = [m.encode_map(rgb, valid, window.statistics)[0] for m in self._members]
-        whole = cell_mask(valid, STRIDE_PX)[0].cpu().numpy()
-        seen = appearance_cells(luma(window.image), window.valid, STRIDE_PX) * whole
-        stacked: NDArray[np.float32] = np.concatenate([*(f.cpu().numpy() for f in learned), seen])
+        layers = [features.cpu().numpy() for features in learned]
+        if self._appearance:
+            whole = cell_mask(valid, STRIDE_PX)[0].cpu().numpy()
+            layers.append(appearance_cells(luma(window.image), window.valid, STRIDE_PX) * whole)
+        stacked: NDArray[np.float32] = np.concatenate(layers)
         return stacked
 
     @torch.inference_mode()

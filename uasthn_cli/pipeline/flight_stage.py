@@ -21,8 +21,8 @@ from uasthn_cli.fusion.offsets import TOLERANCE_M, OffsetGrid, best_offset_m
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.pipeline.likelihoods import likelihood_of_look
 from uasthn_cli.pipeline.look import Looker, LookError
+from uasthn_cli.seam import Aligner, Similarity
 from uasthn_cli.types import (
-    Aligner,
     Attitude,
     BoolArray,
     CameraModel,
@@ -33,7 +33,6 @@ from uasthn_cli.types import (
     NearLook,
     Prior,
     Reason,
-    Similarity,
 )
 
 _log = logging.getLogger(__name__)
@@ -154,7 +153,9 @@ class FlightStage:
 
     def _velocities_m_s(self, frames: Sequence[FlightFrame]) -> FloatArray:
         """Return ground velocities ``(T, 2)`` in the log, over the next second or the last."""
-        later, earlier = self._rebuild_priors(1.0), self._rebuild_priors(-1.0)
+        later = self._rebuild_priors(1.0)
+        is_whole = all(frame.prior.frame.name in later for frame in frames)
+        earlier = {} if is_whole else self._rebuild_priors(-1.0)
         velocities = []
         for frame in frames:
             name = frame.prior.frame.name

@@ -22,11 +22,11 @@ from uasthn_cli.mapping.ortho import (
 )
 from uasthn_cli.mapping.tiles import FeatureTiles, aligned_box
 from uasthn_cli.pipeline.timing import StageTimer
+from uasthn_cli.seam import Estimate, Estimator
 from uasthn_cli.types import (
     CameraModel,
-    Estimate,
-    Estimator,
     FloatArray,
+    ImageArray,
     MapFeatures,
     MapGrid,
     Ortho,
@@ -51,7 +51,7 @@ class LookError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A rectified frame and the map around it; ``origin_px`` as in :class:`types.Estimator`."""
+    """A rectified frame and the map around it; ``origin_px`` as in :class:`seam.Estimator`."""
 
     camera: CameraModel
     thermal: Ortho
@@ -66,7 +66,7 @@ class Scene:
 
     @property
     def shifts(self) -> tuple[int, int]:
-        """Rows and columns of :attr:`uasthn_cli.types.Estimate.scores`."""
+        """Rows and columns of :attr:`uasthn_cli.seam.Estimate.scores`."""
         height_px, width_px = self.thermal.image.shape
         stride_px = self.features.stride_px
         rows, columns = self.features.valid.shape
@@ -132,11 +132,14 @@ class Looker:
         Raises:
             LookError: it cannot be read or rectified, or there is nothing to search in.
         """
-        scene = self.scene(prior, radius_m)
+        return self._look(prior, self._decoded(prior), crops, radius_m)
+
+    def _look(self, prior: Prior, image: ImageArray, crops: CropTtaConfig, radius_m: float) -> Look:
+        scene = self._scene(prior, image, radius_m)
         camera, thermal = scene.camera, scene.thermal
         evidence = None
         if self._second is not None:
-            evidence = self._second.evidence(prior, radius_m, scene)
+            evidence = self._second.evidence(prior, image, radius_m, scene)
         frame_views = crop_views_px(camera.width_px, camera.height_px, crops, prior.frame.name)
         views = transform_points(thermal.H_frame_ortho, frame_views)
         try:
@@ -148,13 +151,15 @@ class Looker:
             raise LookError(Reason.DEGENERATE_HOMOGRAPHY, error) from error
         return Look(scene, views, estimate)
 
-    def evidence(self, prior: Prior, radius_m: float, scene: Scene) -> FloatArray | None:
+    def evidence(
+        self, prior: Prior, image: ImageArray, radius_m: float, scene: Scene
+    ) -> FloatArray | None:
         """Return what this looker says of every shift ``(rows, columns)`` of another's scene.
 
-        None where it says nothing.
+        ``image`` is the frame, decoded. None where it says nothing.
         """
         try:
-            look = self.look(prior, CropTtaConfig(views=1), radius_m)
+            look = self._look(prior, image, CropTtaConfig(views=1), radius_m)
         except LookError as error:
             _log.debug("%s at %.2f m/px: %s", prior.frame.name, self.grid.gsd_m, error)
             return None
@@ -170,7 +175,10 @@ class Looker:
         Raises:
             LookError: it cannot be read or rectified, or the map has nothing there.
         """
-        camera, thermal = self._rectified(prior)
+        return self._scene(prior, self._decoded(prior), radius_m)
+
+    def _scene(self, prior: Prior, image: ImageArray, radius_m: float) -> Scene:
+        camera, thermal = self._rectified(prior, image)
         nadir_m = self.local.to_metres(np.array([prior.lat_deg, prior.lon_deg]))
         ortho_origin_px = metres_to_grid(self.grid, nadir_m) - thermal.nadir_px
         features = self._read_window(thermal, ortho_origin_px, radius_m)
@@ -178,10 +186,15 @@ class Looker:
             raise LookError(Reason.OFF_MAP, "the search window has no map data")
         return Scene(camera, thermal, features, ortho_origin_px - box_origin(features.box))
 
-    def _rectified(self, prior: Prior) -> tuple[CameraModel, Ortho]:
+    def _decoded(self, prior: Prior) -> ImageArray:
         try:
             with self._timer.stage("decode"):
-                image = read_frame(prior.frame.path)
+                return read_frame(prior.frame.path)
+        except UnreadableFrameError as error:
+            raise LookError(Reason.UNREADABLE, error) from error
+
+    def _rectified(self, prior: Prior, image: ImageArray) -> tuple[CameraModel, Ortho]:
+        try:
             height_px, width_px = image.shape
             camera = self._camera.model_of_frame(prior.frame.path, width_px, height_px)
             with self._timer.stage("rectify"):

@@ -33,15 +33,8 @@ from uasthn_cli.pipeline.fused_fixes import fused_results
 from uasthn_cli.pipeline.judge import Judge
 from uasthn_cli.pipeline.look import Looker
 from uasthn_cli.pipeline.timing import StageTimer
-from uasthn_cli.types import (
-    CameraModel,
-    Estimator,
-    FrameFile,
-    FrameResult,
-    Located,
-    NearLook,
-    Prior,
-)
+from uasthn_cli.seam import Estimator
+from uasthn_cli.types import CameraModel, FrameFile, FrameResult, Located, NearLook, Prior
 from uasthn_cli.uncertainty.calibration import Calibration
 
 _FINER = 0.8

@@ -5,6 +5,7 @@ colour vision; no curve is told by its colour alone.
 """
 
 import io
+import textwrap
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
@@ -46,6 +47,8 @@ WIDTH_IN, HEIGHT_IN = 8.0, 5.6
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 REFERENCE: Final[Mapping[str, Any]] = {"color": "#555555", "linewidth": 1.2}
 
+_LEGEND_CHARACTERS: Final = 84
+"""As many fit under the axes side by side."""
 _DOTS_PER_INCH: Final = 100
 _STYLE: Final[Any] = {
     "svg.hashsalt": "uasthn",  # else the identifiers in an SVG differ from run to run
@@ -87,8 +90,10 @@ def title(figure: Figure, what: str, name: str) -> None:
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int = 3) -> None:
-    """Explain the curves under the axes."""
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+    """Explain the curves under the axes; long names are wrapped, so that all of them is seen."""
+    handles, labels = axes.get_legend_handles_labels()
+    wrapped = [textwrap.fill(label, _LEGEND_CHARACTERS // columns) for label in labels]
+    figure.legend(handles, wrapped, loc="outside lower center", ncols=columns)
 
 
 def legend_beside(figure: Figure, axes: Axes) -> None:
@@ -103,7 +108,5 @@ def encode(figure: Figure | None, file_format: str) -> bytes | None:
     FigureCanvasAgg(figure)
     metadata = {"Software": None} if file_format == "png" else {"Date": None, "Creator": None}
     content = io.BytesIO()
-    figure.savefig(
-        content, format=file_format, dpi=_DOTS_PER_INCH, bbox_inches="tight", metadata=metadata
-    )
+    figure.savefig(content, format=file_format, dpi=_DOTS_PER_INCH, metadata=metadata)
     return content.getvalue()

@@ -24,7 +24,8 @@ from uasthn_cli.matching.displacement.estimator import (
 from uasthn_cli.matching.displacement.ihn import IterativeHomographyNetwork
 from uasthn_cli.matching.displacement.model import DisplacementModel
 from uasthn_cli.matching.registry import open_estimator
-from uasthn_cli.types import Estimate, FloatArray
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import FloatArray
 
 GREY = ground_texture(3)
 CORNER_PX, SIZE_PX = (120, 90), (81, 65)

@@ -25,7 +25,8 @@ from uasthn_cli.matching.displacement.homography import corners_at_width, resize
 from uasthn_cli.matching.displacement.ihn import IterativeHomographyNetwork
 from uasthn_cli.matching.displacement.model import DisplacementModel
 from uasthn_cli.matching.displacement.sthn import look_again
-from uasthn_cli.types import Estimate, FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
+from uasthn_cli.seam import Estimate
+from uasthn_cli.types import FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
 
 
 @dataclass(frozen=True, slots=True)
