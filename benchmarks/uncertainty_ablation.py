@@ -208,7 +208,7 @@ def _panel(axes: Axes, curves: Sequence[tuple[Arm, Judged]], ablation: str) -> N
     axes.set_title(ablation)
     axes.set_xlim(left=0.0)
     axes.set_ylim(0.0, 1.0)
-    axes.legend(loc="lower right", fontsize=8.5)
+    axes.legend(loc="lower right", fontsize=8.5, frameon=True, framealpha=0.85, edgecolor="none")
 
 
 def _trained(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> dict[str, Path]:
