@@ -27,6 +27,7 @@ from uasthn_cli.training.trainee import Trainee
 
 PAIRS = PatternPairs(5)
 CONFIG = tiny_displacement_config(plain_steps=2, views=3)
+ORIGINS = {"data": "data", "initial": "", "generator": ""}
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +37,7 @@ def _keep_malloc(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def opened(path: Path, config: DisplacementConfig = CONFIG) -> Trainee[nn.Module]:
     torch.manual_seed(config.seed)
-    return open_displacement_trainee(TinyLocator(), config, path, "data", "")
+    return open_displacement_trainee(TinyLocator(), config, path, ORIGINS)
 
 
 def trained(path: Path, config: DisplacementConfig = CONFIG) -> dict[str, Tensor]:
@@ -99,7 +100,7 @@ def test_a_small_ihn_learns_one_sample_by_heart(tmp_path: Path) -> None:
     )
     torch.manual_seed(0)
     network = IterativeHomographyNetwork(replace(FIRST, levels=1, update_channels=64))
-    trainee = open_displacement_trainee(network, config, tmp_path / "c.pt", "data", "")
+    trainee = open_displacement_trainee(network, config, tmp_path / "c.pt", ORIGINS)
     reports = list(train_displacement_steps(trainee, PatternPairs(1), config, tmp_path / "c.pt"))
     assert reports[-1].median_error_px < 0.2 * reports[0].median_error_px
 
@@ -125,7 +126,7 @@ def test_a_frozen_first_stage_stays_and_the_second_one_learns(tmp_path: Path) ->
     config = tiny_displacement_config(network="sthn", first_stage="frozen", steps=1, batch=1)
     network = small_two_stages()
     before = {name: value.clone() for name, value in network.state_dict().items()}
-    trainee = open_displacement_trainee(network, config, tmp_path / "c.pt", "data", "")
+    trainee = open_displacement_trainee(network, config, tmp_path / "c.pt", ORIGINS)
     list(train_displacement_steps(trainee, PAIRS, config, tmp_path / "c.pt"))
     moved = {
         name for name, value in network.state_dict().items() if not torch.equal(value, before[name])
