@@ -198,7 +198,7 @@ displacement_options: Final = gathered(
         "--dm",
         "direct_modeling",
         is_flag=True,
-        help="Direct Modeling: a second head learns each corner's variance (ihn, sthn).",
+        help="Direct Modeling: a second head learns each corner's variance.",
     ),
     displacement_option(
         "--first-stage",

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from small_displacement_models import FIRST, SECOND
+from small_displacement_models import FIRST, SECOND, small_model
 from tiny_displacement import PatternPairs, TinyLocator, tiny_displacement_config
 from torch import Tensor, nn
 
@@ -22,6 +22,7 @@ from uasthn_cli.training.displacement.loop import (
     train_displacement_steps,
     validate_displacement,
 )
+from uasthn_cli.training.displacement.losses import direct_modeling_loss
 from uasthn_cli.training.displacement.trainee import open_displacement_trainee
 from uasthn_cli.training.trainee import Trainee
 
@@ -143,6 +144,28 @@ def test_direct_modeling_trains_both_heads() -> None:
     lesson(stages_of(network), batch, config).loss.backward()  # type: ignore[no-untyped-call]
     heads = [network.update_block_4, network.ue_update_block_4]
     assert all(value.grad is not None for head in heads for value in head.parameters())
+
+
+def test_a_dhn_learns_one_sample_and_becomes_sure_of_it(tmp_path: Path) -> None:
+    config = tiny_displacement_config(
+        **{"network": "dhn", "direct_modeling": True, "steps": 60, "batch": 1},
+        **{"checkpoint_every": 60, "learning_rate": 0.01, "weight_decay": 0.0},
+    )
+    network, batch = small_model("dhn+dm").network, MatchBatches(PatternPairs(1), config)[0]
+
+    def judged() -> tuple[float, float]:
+        """Return how unlikely the network has the truth, and its mean deviation."""
+        with torch.inference_mode():
+            seen = network.eval()(batch.satellite, batch.thermal)
+        return float(direct_modeling_loss(seen, batch.displacement, 1.0)), seen.deviations.mean()
+
+    loss, deviation_px = judged()
+    trainee = open_displacement_trainee(network, config, tmp_path / "c.pt", ORIGINS)
+    list(train_displacement_steps(trainee, PatternPairs(1), config, tmp_path / "c.pt"))
+    loss_then, deviation_then_px = judged()
+    assert loss_then < 0.5 * loss
+    assert 20 < deviation_px < 50
+    assert deviation_then_px < 0.7 * deviation_px
 
 
 def test_half_precision_leaves_displacements_exact() -> None:

@@ -1,6 +1,7 @@
 """A run from pairs to weights that estimators open; interrupted anywhere, the same files."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import torch
 from small_displacement_models import small_model, small_weights
 from tiny_displacement import PatternPairs, tiny_displacement_config
 from tiny_tgm import write_tiny_generator
+from torch import Tensor
 
 from uasthn_cli.errors import OutputError, TrainingDataError, WeightsError
 from uasthn_cli.matching.displacement.checkpoints import load_displacement
@@ -155,6 +157,21 @@ def test_an_ihn_begins_a_first_stage_and_a_new_head_is_random(tmp_path: Path) ->
     assert any(name.startswith("netG.ue_update_block_4.") for name in state)
     plain = build_network(tiny_displacement_config(), read_initial_model(path, "ihn"))
     assert not any(name.startswith("ue_") for name in plain.state_dict())
+
+
+def test_a_dhn_takes_up_or_drops_a_second_head(tmp_path: Path) -> None:
+    def begun(name: str, *, direct_modeling: bool) -> Mapping[str, Tensor]:
+        config = tiny_displacement_config(network="dhn", direct_modeling=direct_modeling)
+        initial = read_initial_model(small_weights(tmp_path, name), "dhn")
+        return build_network(config, initial).state_dict()
+
+    plain, modelling = (small_model(name).network.state_dict() for name in ("dhn", "dhn+dm"))
+    grown, kept = (begun(name, direct_modeling=True) for name in ("dhn", "dhn+dm"))
+    cut = begun("dhn+dm", direct_modeling=False)
+    assert grown.keys() == kept.keys() == modelling.keys()
+    assert cut.keys() == plain.keys()
+    assert all(torch.equal(grown[name], plain[name]) for name in plain)
+    assert all(torch.equal(kept[name], modelling[name]) for name in modelling)
 
 
 @pytest.mark.parametrize(("weights", "network"), [("dhn", "ihn"), ("ihn", "dhn")])

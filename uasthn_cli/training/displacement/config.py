@@ -63,8 +63,6 @@ class DisplacementConfig:
         Raises:
             ValueError: it does not, and why.
         """
-        if self.direct_modeling and self.network == "dhn":
-            raise ValueError("dhn has no second head for Direct Modeling: use ihn or sthn")
         if self.direct_modeling and self.views > 1:
             raise ValueError(
                 "Direct Modeling and crops are two ways to the same uncertainty, and the paper"
