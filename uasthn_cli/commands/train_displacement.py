@@ -19,7 +19,7 @@ from uasthn_cli.commands.tgm_drawing import (
     open_for_training,
     usual_share,
 )
-from uasthn_cli.commands.training_progress import as_typed, train_to_end, validated
+from uasthn_cli.commands.training_progress import as_typed, report_line, train_to_end, validated
 
 if TYPE_CHECKING:
     from uasthn_cli.datasets.samples import MatchDataset
@@ -81,7 +81,7 @@ def train_displacement(
         thermal=thermal,
     )
     training = run.DisplacementRun(job)
-    train_to_end(training, config.steps)
+    train_to_end(training, config.steps, report_line)
     card = training.paths.card
     say(f"{validated(training.export())}; weights are in {job.out}, their model card in {card}")
 
