@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner, Result
 from known_estimator import made_up_predictions
 from pair_sources import write_boson
+from small_displacement_models import small_weights
 from small_flight import HFOV_DEG, make_flight
 
 from uasthn_cli.commands.evaluate import evaluate
@@ -74,6 +75,16 @@ def test_a_miniature_of_boson_nighttime(tmp_path: Path) -> None:
     (none, _) = json.loads((out / "evaluation.json").read_text())["accuracy"]
     assert none["mace_all_m"] < 3.0
     assert load_predictions(out / "ncc-dc128.npz").settings.split == "val"
+
+
+def test_a_dhn_that_models_its_deviations(flight: Path, tmp_path: Path) -> None:
+    out, weights = tmp_path / "out", small_weights(tmp_path, "dhn+dm")
+    network = (*("--estimator", "dhn", "--weights", weights), *("--hfov", HFOV_DEG))
+    result = run(flight, *network, "--dc", 15, "--no-figures", "--out", out)
+    assert result.exit_code == 0, result.output
+    rows = json.loads((out / "evaluation.json").read_text())["accuracy"]
+    assert [row["ue"] for row in rows] == ["none", "dm", "croptta"]
+    assert np.isfinite(load_predictions(out / "dhn-dc15.npz").modelled_std_px).all()
 
 
 def test_thresholds_and_merges_are_of_the_drawing(tmp_path: Path) -> None:

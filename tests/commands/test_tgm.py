@@ -132,7 +132,7 @@ def test_ctrl_c_keeps_the_checkpoint_and_the_same_command_goes_on(
     monkeypatch.setattr(run, "TgmRun", TinyRun)
     resumed = command("stopped")
     assert resumed.exit_code == 0
-    assert resumed.stderr.startswith(f"going on from step 2 of 4: {checkpoint}\n")
+    assert resumed.stderr.startswith(f"going on from step 2 of 4, which {checkpoint} holds\n")
     files = [tmp_path / folder / "t.safetensors" for folder in ("unbroken", "stopped")]
     assert files[0].read_bytes() == files[1].read_bytes()
 

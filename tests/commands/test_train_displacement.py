@@ -70,7 +70,7 @@ def test_boson_nighttime_is_judged_by_its_own_validation_part(tmp_path: Path) ->
         (("--network", "ihn"), "ihn learns from pairs: give a DATASET"),
         (("d", "--network", "ihn", "--images", "a"), "--images is for --network xcorr, not for"),
         (("d", "--network", "dhn", "--windows", 2), "--windows is for --network xcorr"),
-        (("d", "--network", "dhn", "--dm"), "no second head"),
+        (("d", "--network", "dhn", "--dm", "--croptta", 5), "choose one"),
         (("d", "--network", "ihn", "--dm", "--croptta", 5), "choose one"),
         (("d", "--network", "ihn", "--preset", "paper-sthn"), "is for --network sthn"),
         (("d", "--network", "ihn", "--first-stage", "frozen", "--init", "x"), "nothing to freeze"),

@@ -1,5 +1,6 @@
 import pickle
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -7,11 +8,14 @@ import numpy as np
 import pytest
 from small_flight import DRIFT_M, HFOV_DEG, make_flight
 
+from uasthn_cli.datasets import flights
 from uasthn_cli.datasets.flights import FlightDataset
 from uasthn_cli.datasets.spec import DatasetSpec
 from uasthn_cli.errors import CameraError, DatasetError
 from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px
 from uasthn_cli.ingest.cameras import CameraSpec
+from uasthn_cli.ingest.frames import read_frame
+from uasthn_cli.types import ImageArray
 
 CAMERA = CameraSpec(hfov_deg=HFOV_DEG)
 
@@ -98,3 +102,43 @@ def test_a_first_frame_that_cannot_be_read_leaves_the_others(folder: Path, tmp_p
         path.write_bytes(b"no picture")
     with pytest.raises(DatasetError, match="no frame can be read"):
         FlightDataset(copy, spec)
+
+
+@pytest.fixture(scope="module")
+def longer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_flight(tmp_path_factory.mktemp("longer"), 7).map.parent
+
+
+def names(data: FlightDataset) -> list[str]:
+    return [data[index].name for index in range(len(data))]
+
+
+@pytest.mark.parametrize(("samples", "places"), [(1, [0]), (3, [0, 3, 6]), (9, range(7))])
+def test_only_the_frames_that_are_used_are_looked_at(
+    samples: int, places: list[int], longer: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def read_noted(path: Path) -> ImageArray:
+        seen.append(path.name)
+        return read_frame(path)
+
+    monkeypatch.setattr(flights, "read_frame", read_noted)
+    spec = DatasetSpec(max_offset_m=20.0, camera=CAMERA, samples=samples)
+    data = FlightDataset(longer, spec)
+    every = sorted(path.name for path in (longer / "frames").iterdir())
+    assert seen == [every[place] for place in places]
+    assert names(data) == [every[place] for place in places]
+
+
+def test_a_broken_frame_is_said_and_leaves_its_place_to_the_nearest(
+    longer: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    copy = shutil.copytree(longer, tmp_path / "copy")
+    every = sorted((copy / "frames").iterdir())
+    for place in (0, 3, 4):
+        every[place].write_bytes(b"no picture")
+    spec = DatasetSpec(max_offset_m=20.0, camera=CAMERA, samples=3)
+    assert names(FlightDataset(copy, spec)) == [every[place].name for place in (1, 2, 6)]
+    assert f"{every[3].name} is skipped: not a PNG, JPEG or TIFF image" in caplog.messages
+    assert len(FlightDataset(copy, replace(spec, samples=6))) == 4

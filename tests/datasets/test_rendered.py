@@ -1,3 +1,4 @@
+import copy
 import pickle
 from pathlib import Path
 
@@ -47,6 +48,14 @@ def test_convention_the_thermal_image_lies_where_the_corners_say(tmp_path: Path)
         assert abs(correlation) > 0.98
 
 
+def test_a_copy_opens_files_of_its_own(tmp_path: Path) -> None:
+    data = dataset(write_geotiff(tmp_path / "map.tif", texture(1, 500, 420), 2.5))
+    _ = data[0]
+    (site,), (other,) = data._sites, copy.copy(data)._sites
+    assert "_readers" in vars(site)
+    assert "_readers" not in vars(other)
+
+
 def test_samples_depend_on_seed_and_index_alone(tmp_path: Path) -> None:
     path = write_geotiff(tmp_path / "map.tif", texture(1, 500, 420), 2.5)
     data = dataset(path)
@@ -54,6 +63,7 @@ def test_samples_depend_on_seed_and_index_alone(tmp_path: Path) -> None:
     again = pickle.loads(pickle.dumps(data))[4]
     np.testing.assert_array_equal(late.thermal, again.thermal)
     np.testing.assert_array_equal(late.satellite, again.satellite)
+    np.testing.assert_array_equal(copy.copy(data)[4].satellite, late.satellite)
     other = dataset(path, DatasetSpec(600.0, 200.0, 128.0, samples=6, seed=3))[4]
     assert not np.array_equal(late.corners_px, other.corners_px)
 

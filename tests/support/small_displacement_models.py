@@ -15,10 +15,11 @@ SETTINGS = ModelSettings(width_ratio=3.0, iterations=2, second_iterations=1)
 
 
 def small_model(name: str, seed: int = 1) -> DisplacementModel:
-    """Return a ``dhn``, ``ihn`` or ``sthn``."""
+    """Return a ``dhn``, ``ihn`` or ``sthn``, or ``dhn+dm``, which models its own deviations."""
     torch.manual_seed(seed)
-    if name == "dhn":
-        network = DirectHomographyNetwork(DhnArchitecture((8, 8, 8, 8, 8), 16)).eval()
+    if name in ("dhn", "dhn+dm"):
+        size = DhnArchitecture((8, 8, 8, 8, 8), 16, has_uncertainty_head=name == "dhn+dm")
+        network = DirectHomographyNetwork(size).eval()
         return DisplacementModel(network, None, SETTINGS)
     first = IterativeHomographyNetwork(FIRST).eval()
     second = IterativeHomographyNetwork(SECOND).eval() if name == "sthn" else None

@@ -1,6 +1,7 @@
 """Options of ``uasthn train`` for dhn, ihn and sthn, gathered into one ``asked`` argument."""
 
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -43,6 +44,8 @@ class AskedDisplacement:
     yaw_error_deg: float
     scale_error: float
     exclude_validation: bool
+    tgm: Path | None
+    tgm_share: float | None
     preset: str
     batch: int | None
     views: int | None
@@ -123,6 +126,13 @@ displacement_options: Final = gathered(
     ),
     *window_options(pairs_option),
     pairs_option(
+        "--tgm-share",
+        type=FiniteRange(0, 1, min_open=True),
+        metavar="SHARE",
+        help="Share of what is learnt from whose thermal views --tgm draws.  [default: 1; where the"
+        " pairs have thermal images of their own, 0.5]",
+    ),
+    pairs_option(
         "--dc",
         "max_offset_m",
         type=ABOVE_ZERO,
@@ -188,7 +198,7 @@ displacement_options: Final = gathered(
         "--dm",
         "direct_modeling",
         is_flag=True,
-        help="Direct Modeling: a second head learns each corner's variance (ihn, sthn).",
+        help="Direct Modeling: a second head learns each corner's variance.",
     ),
     displacement_option(
         "--first-stage",

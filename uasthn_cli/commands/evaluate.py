@@ -26,6 +26,7 @@ from uasthn_cli.commands.options import (
 )
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO
 from uasthn_cli.commands.sections import SectionedCommand
+from uasthn_cli.commands.tgm_drawing import drawn_to_judge_by
 from uasthn_cli.config import CropTtaConfig
 
 if TYPE_CHECKING:
@@ -167,6 +168,8 @@ def _predicted(source: str, folder: Any, values: dict[str, Any]) -> "list[Predic
     for offset_m in values["offsets_m"] or (None,):
         spec = _spec(values, offset_m)
         dataset = open_dataset(source, spec)
+        if values["tgm"] is not None:
+            dataset = drawn_to_judge_by(source, dataset, values["tgm"], values["device"])
         settings, config = _settings(source, spec, values)
         name = settings.estimator.replace(":", "-")
         name += "" if offset_m is None else f"-dc{offset_m:g}"
@@ -198,6 +201,8 @@ def _run_stress(
     from uasthn_cli.evaluation.judging import UeMethod
     from uasthn_cli.evaluation.stress import StressSuite, render_flights
 
+    if values["tgm"] is not None:
+        raise click.UsageError("--stress takes flights, and --tgm draws views of overhead images")
     offsets_m = values["offsets_m"]
     if len(offsets_m) > 1:
         raise click.UsageError("--stress takes one --dc")
@@ -261,7 +266,7 @@ def _spec(values: dict[str, Any], offset_m: float | None) -> Any:
 
 def _settings(source: str, spec: Any, values: dict[str, Any]) -> "tuple[Settings, ProtocolConfig]":
     """Return what the predictions' header says, and how views are cropped and matched."""
-    from uasthn_cli.evaluation.members import describe_weights
+    from uasthn_cli.evaluation.members import describe_file, describe_weights
     from uasthn_cli.evaluation.predictions import Settings
     from uasthn_cli.evaluation.protocol import WORKING_WIDTH_PX, ProtocolConfig
 
@@ -287,5 +292,6 @@ def _settings(source: str, spec: Any, values: dict[str, Any]) -> "tuple[Settings
         camera=str(spec.camera),
         symmetries=values["symmetries"] if estimator == "xcorr" else None,
         ue_iterations=values["ue_iterations"],
+        tgm=None if values["tgm"] is None else describe_file(values["tgm"]),
     )
     return settings, ProtocolConfig(crops, width_px)

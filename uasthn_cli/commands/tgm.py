@@ -8,7 +8,8 @@ import click
 from uasthn_cli.commands.console import progress, say
 from uasthn_cli.commands.matching_options import DEVICES
 from uasthn_cli.commands.options import output_option
-from uasthn_cli.commands.tgm_train import VerboseCommand, machine_option, train
+from uasthn_cli.commands.tgm_train import VerboseCommand, train
+from uasthn_cli.commands.training_options import machine_option
 
 _EXAMPLES: Final = """\
 \b

@@ -5,18 +5,27 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from uasthn_cli.commands.console import progress, say
+from uasthn_cli.commands.console import say
 from uasthn_cli.commands.main import verbosity_options
-from uasthn_cli.commands.matching_options import DEVICES
-from uasthn_cli.commands.options import camera_options, output_option
+from uasthn_cli.commands.options import camera_options
 from uasthn_cli.commands.sections import SectionedCommand, section_option
-from uasthn_cli.errors import RunInterruptedError
+from uasthn_cli.commands.training_options import (
+    checkpoint_option,
+    device_option,
+    licence_option,
+    network_option,
+    replace_option,
+    seed_option,
+    training_option,
+    weights_option,
+)
+from uasthn_cli.commands.training_progress import train_to_end
 
 if TYPE_CHECKING:
     from uasthn_cli.datasets.samples import MatchDataset
     from uasthn_cli.ingest.cameras import CameraSpec
     from uasthn_cli.training.tgm.config import TgmConfig
-    from uasthn_cli.training.tgm.run import TgmReport, TgmRun
+    from uasthn_cli.training.tgm.run import TgmReport
 
 GENERATORS: Final = ("unet", "resnet")
 PRESETS: Final = ("paper-tgm", "laptop")
@@ -33,9 +42,8 @@ Interrupted? Give the same command again: it goes on from the last checkpoint.
 """
 
 data_option = section_option("Data")
-training_option = section_option("Training")
-network_option = section_option("Network")
-machine_option = section_option("Machine")
+
+_CHECKPOINT_EVERY: Final = 500
 
 
 class VerboseCommand(SectionedCommand):
@@ -61,11 +69,7 @@ class VerboseCommand(SectionedCommand):
     metavar="N",
     help="Use the first N pairs only.  [default: all]",
 )
-@data_option(
-    "--licence-note",
-    metavar="TEXT",
-    help="Goes into the model card: whose the images are, and what may be done with them.",
-)
+@licence_option(data_option)
 @camera_options
 @training_option(
     "--preset",
@@ -89,14 +93,7 @@ class VerboseCommand(SectionedCommand):
     metavar="N",
     help="Pairs in a batch.",
 )
-@training_option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    metavar="N",
-    help="Of the first weights and of every batch.",
-)
+@seed_option
 @network_option(
     "--generator",
     type=click.Choice(GENERATORS),
@@ -110,29 +107,10 @@ class VerboseCommand(SectionedCommand):
     metavar="N",
     help="Channels next to the image, of generator and discriminator.  [default: the preset's]",
 )
-@machine_option(
-    "--device",
-    type=click.Choice(DEVICES),
-    default="auto",
-    show_default=True,
-    help="Where to train; auto: a GPU if there is one.",
-)
-@machine_option(
-    "--checkpoint-every",
-    type=click.IntRange(min=1),
-    default=500,
-    show_default=True,
-    metavar="N",
-    help="Steps between checkpoints, rows of the log and lines of progress.",
-)
-@output_option(
-    "--out",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="WEIGHTS.safetensors",
-    help="The weights; WEIGHTS.md (model card), .log.csv and .checkpoint.pt lie beside them.",
-)
-@output_option("--overwrite", is_flag=True, help="Replace weights, card and log that are there.")
+@device_option
+@checkpoint_option(_CHECKPOINT_EVERY)
+@weights_option
+@replace_option
 def train(
     dataset: str,
     validation: str | None,
@@ -176,16 +154,7 @@ def train(
             licence_note=licence_note,
         )
     )
-    if run.saved_step:
-        say(f"going on from step {run.saved_step} of {config.steps}: {run.paths.checkpoint}")
-    for change in run.changes:
-        say(f"changed on the way: {change}")
-    try:
-        with progress("training", config.steps, done=run.saved_step, plain_lines=False) as advance:
-            for report in run.train(on_step=advance):
-                say(_report_line(report, config.steps))
-    except KeyboardInterrupt as interrupt:
-        raise RunInterruptedError(_interrupted(run, config.steps)) from interrupt
+    train_to_end(run, config.steps, _report_line)
     run.export()
     say(f"weights are in {out}, their model card in {run.paths.card}")
 
@@ -243,12 +212,3 @@ def _report_line(report: "TgmReport", steps: int) -> str:
     if report.validation_l1_grey is None:
         return line
     return f"{line}; validation: L1 {report.validation_l1_grey:.2f} grey levels"
-
-
-def _interrupted(run: "TgmRun", steps: int) -> str:
-    if run.saved_step == 0:
-        return "interrupted before the first checkpoint; nothing is kept"
-    return (
-        f"interrupted; step {run.saved_step} of {steps} is kept in {run.paths.checkpoint}:"
-        " give the same command again to go on"
-    )

@@ -12,7 +12,7 @@ from uasthn_cli.commands.displacement_options import (
     AskedDisplacement,
     displacement_options,
 )
-from uasthn_cli.commands.options import camera_options, output_option
+from uasthn_cli.commands.options import camera_options
 from uasthn_cli.commands.parameter_types import FiniteRange
 from uasthn_cli.commands.sections import SectionedCommand, section_option
 from uasthn_cli.commands.train_displacement import (
@@ -21,11 +21,14 @@ from uasthn_cli.commands.train_displacement import (
 )
 from uasthn_cli.commands.training_options import (
     ImagesType,
+    licence_option,
     network_option,
+    replace_option,
     training_option,
     training_options,
+    weights_option,
 )
-from uasthn_cli.commands.training_progress import as_typed, train_to_end, validated
+from uasthn_cli.commands.training_progress import as_typed, report_line, train_to_end, validated
 from uasthn_cli.config import TrainingDefaults
 
 if TYPE_CHECKING:
@@ -92,11 +95,7 @@ data_option = section_option("Data of xcorr")
     help="Share that is rendered landscapes (see `uasthn synth`). Where both shares add up to 1, no"
     f" images are needed.  [default: {_DEFAULTS.landscape_share:g}, or what --sand-share leaves]",
 )
-@data_option(
-    "--licence-note",
-    metavar="TEXT",
-    help="Goes into the model card: whose the images are, and what may be done with them.",
-)
+@licence_option(data_option)
 @training_options
 @training_option(
     "--validate-every",
@@ -115,14 +114,8 @@ data_option = section_option("Data of xcorr")
 )
 @displacement_options
 @camera_options
-@output_option(
-    "--out",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="WEIGHTS.safetensors",
-    help="The weights; WEIGHTS.md (model card), .log.csv and .checkpoint.pt lie beside them.",
-)
-@output_option("--overwrite", is_flag=True, help="Replace weights, card and log that are there.")
+@weights_option
+@replace_option
 def train(
     images: tuple[tuple[str, float], ...],
     sand_share: float,
@@ -173,7 +166,7 @@ def train(
             initial_weights=init,
         )
     )
-    train_to_end(run, config.steps)
+    train_to_end(run, config.steps, report_line)
     say(f"{validated(run.export())}; weights are in {out}, their model card in {run.paths.card}")
 
 

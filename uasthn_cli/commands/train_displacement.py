@@ -14,7 +14,12 @@ from uasthn_cli.commands.displacement_options import (
     XCORR_ONLY,
     AskedDisplacement,
 )
-from uasthn_cli.commands.training_progress import as_typed, train_to_end, validated
+from uasthn_cli.commands.tgm_drawing import (
+    drawn_if_rendered,
+    open_for_training,
+    usual_share,
+)
+from uasthn_cli.commands.training_progress import as_typed, report_line, train_to_end, validated
 
 if TYPE_CHECKING:
     from uasthn_cli.datasets.samples import MatchDataset
@@ -55,6 +60,11 @@ def train_displacement(
     values = context.params
     config = _config(context, asked)
     dataset, validation = _open_pairs(asked, camera)
+    thermal = None
+    if asked.tgm is not None:
+        thermal = open_for_training(asked.tgm, config)
+        config = replace(config, tgm_share=asked.tgm_share or usual_share(dataset))
+        validation = drawn_if_rendered(validation, thermal.generator)
     if validation is None:
         say("no validation: give --validate pairs that are never trained on")
     job = run.DisplacementJob(
@@ -68,9 +78,10 @@ def train_displacement(
         licence_note=values["licence_note"],
         command_line=shlex.join(as_typed(context)),
         initial_weights=values["init"],
+        thermal=thermal,
     )
     training = run.DisplacementRun(job)
-    train_to_end(training, config.steps)
+    train_to_end(training, config.steps, report_line)
     card = training.paths.card
     say(f"{validated(training.export())}; weights are in {job.out}, their model card in {card}")
 
@@ -89,6 +100,8 @@ def _config(context: click.Context, asked: AskedDisplacement) -> "DisplacementCo
         raise click.UsageError(f"{network} learns from pairs: give a DATASET")
     if asked.first_stage == "frozen" and values["init"] is None:
         raise click.UsageError("--first-stage frozen needs a trained first stage: give --init")
+    if asked.tgm_share is not None and asked.tgm is None:
+        raise click.UsageError("--tgm-share says how much --tgm draws: give a generator")
     device = choose_device(values["device"])
     return asked.config(
         network,

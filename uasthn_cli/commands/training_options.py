@@ -1,12 +1,14 @@
 """Options of ``uasthn train``: what to learn from, and how, as one ``config`` argument."""
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from uasthn_cli.commands.matching_options import DEVICES
-from uasthn_cli.commands.options import gathered
+from uasthn_cli.commands.options import Decorator, gathered, output_option
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO
 from uasthn_cli.commands.sections import section_option
 from uasthn_cli.config import Precision, TrainingDefaults
@@ -21,6 +23,54 @@ _AT_LEAST_1: Final = click.IntRange(min=1)
 training_option = section_option("Training")
 network_option = section_option("Network")
 machine_option = section_option("Machine")
+
+
+seed_option: Final = training_option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=_DEFAULTS.seed,
+    show_default=True,
+    metavar="N",
+    help="Of the first weights and of every batch.",
+)
+device_option: Final = machine_option(
+    "--device",
+    type=click.Choice(DEVICES),
+    default="auto",
+    show_default=True,
+    help="Where to train; auto: a GPU if there is one.",
+)
+weights_option: Final = output_option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="WEIGHTS.safetensors",
+    help="The weights; WEIGHTS.md (model card), .log.csv and .checkpoint.pt lie beside them.",
+)
+replace_option: Final = output_option(
+    "--overwrite", is_flag=True, help="Replace weights, card and log that are there."
+)
+
+
+def checkpoint_option(steps: int) -> Decorator:
+    """Return ``--checkpoint-every`` with a default."""
+    return machine_option(
+        "--checkpoint-every",
+        type=_AT_LEAST_1,
+        default=steps,
+        show_default=True,
+        metavar="N",
+        help="Steps between checkpoints, rows of the log and lines of progress.",
+    )
+
+
+def licence_option(data_option: Callable[..., Decorator]) -> Decorator:
+    """Return ``--licence-note`` in the section of the help that says what is learnt from."""
+    return data_option(
+        "--licence-note",
+        metavar="TEXT",
+        help="Goes into the model card: whose the images are, and what may be done with them.",
+    )
 
 
 class ImagesType(click.ParamType[tuple[str, float]]):
@@ -148,14 +198,7 @@ training_options: Final = gathered(
         help="Of xcorr: switch off a part of the data engine, to see what it is worth; can be given"
         f" several times. Parts: {', '.join(PARTS)}.",
     ),
-    training_option(
-        "--seed",
-        type=click.IntRange(min=0),
-        default=_DEFAULTS.seed,
-        show_default=True,
-        metavar="N",
-        help="Of the first weights and of every batch.",
-    ),
+    seed_option,
     network_option(
         "--widths",
         type=WidthsType(),
@@ -168,13 +211,7 @@ training_options: Final = gathered(
         metavar="N",
         help="Of xcorr: channels of the features.  [default: as in the weights in the box]",
     ),
-    machine_option(
-        "--device",
-        type=click.Choice(DEVICES),
-        default="auto",
-        show_default=True,
-        help="Where to train; auto: a GPU if there is one.",
-    ),
+    device_option,
     machine_option(
         "--precision",
         type=click.Choice([precision.value for precision in Precision]),
@@ -190,12 +227,5 @@ training_options: Final = gathered(
         metavar="N",
         help="Processes that render batches; 0: none beside the one that trains.",
     ),
-    machine_option(
-        "--checkpoint-every",
-        type=_AT_LEAST_1,
-        default=_DEFAULTS.checkpoint_every,
-        show_default=True,
-        metavar="N",
-        help="Steps between checkpoints, rows of the log and lines of progress.",
-    ),
+    checkpoint_option(_DEFAULTS.checkpoint_every),
 )

@@ -1,7 +1,7 @@
 """What a person sees of a training run, whatever network it trains."""
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import click
 
@@ -9,12 +9,30 @@ from uasthn_cli.commands.console import progress, say
 from uasthn_cli.errors import RunInterruptedError
 
 if TYPE_CHECKING:
+    from uasthn_cli.training.export import OutputPaths
     from uasthn_cli.training.loop import Validation
-    from uasthn_cli.training.run import Report, ResumableRun
+    from uasthn_cli.training.run import Report
+
+ReportT = TypeVar("ReportT")
+ReportT_co = TypeVar("ReportT_co", covariant=True)
 
 
-def train_to_end(run: "ResumableRun", steps: int) -> None:
-    """Train, a line for every checkpoint.
+class WatchedRun(Protocol[ReportT_co]):
+    """A run that tells how it goes after every checkpoint."""
+
+    paths: "OutputPaths"
+    saved_step: int
+
+    @property
+    def changes(self) -> Sequence[str]:
+        """Settings that were changed on the way, as sentences."""
+
+    def train(self, on_step: Callable[[int], None]) -> Iterator[ReportT_co]:
+        """Train to the last step."""
+
+
+def train_to_end(run: WatchedRun[ReportT], steps: int, line: Callable[[ReportT, int], str]) -> None:
+    """Train, a line for every checkpoint: what ``line`` makes of a report and the steps.
 
     Raises:
         RunInterruptedError: Ctrl-C; says what is kept.
@@ -26,7 +44,7 @@ def train_to_end(run: "ResumableRun", steps: int) -> None:
     try:
         with progress("training", steps, done=run.saved_step, plain_lines=False) as advance:
             for report in run.train(on_step=advance):
-                say(_report_line(report, steps))
+                say(line(report, steps))
     except KeyboardInterrupt as interrupt:
         raise RunInterruptedError(_interrupted(run, steps)) from interrupt
 
@@ -65,7 +83,8 @@ def as_typed(context: click.Context) -> Iterator[str]:
             yield from (option.opts[0], str(value))
 
 
-def _report_line(report: "Report", steps: int) -> str:
+def report_line(report: "Report", steps: int) -> str:
+    """Return how the training of a network that locates goes."""
     figures = report.progress
     line = (
         f"step {figures.step} of {steps}: loss {figures.loss:.3f},"
@@ -74,7 +93,7 @@ def _report_line(report: "Report", steps: int) -> str:
     return line if report.validation is None else f"{line}; {validated(report.validation)}"
 
 
-def _interrupted(run: "ResumableRun", steps: int) -> str:
+def _interrupted(run: WatchedRun[ReportT], steps: int) -> str:
     if run.saved_step == 0:
         return "interrupted before the first checkpoint; nothing is kept"
     return (

@@ -1,13 +1,16 @@
 """Options that say what is cut out of pairs, whether to learn from them or to judge by them."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+
+import click
 
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO
 
 
 def window_options(option: Callable[..., Any]) -> tuple[Any, ...]:
-    """Return W_S, W_T, GSD and what is left out, as options of a section of the help."""
+    """Return W_S, W_T, GSD, what is left out and what is drawn, as options of a help section."""
     return (
         option(
             "--ws",
@@ -38,5 +41,12 @@ def window_options(option: Callable[..., Any]) -> tuple[Any, ...]:
             "--exclude-validation",
             is_flag=True,
             help="Leave out images of Boson-nighttime that see its validation region.",
+        ),
+        option(
+            "--tgm",
+            type=click.Path(exists=True, dir_okay=False, path_type=Path),
+            metavar="GENERATOR.safetensors",
+            help="Weights of `uasthn tgm train`: its network draws the thermal views of overhead"
+            " images instead of the renderer.",
         ),
     )

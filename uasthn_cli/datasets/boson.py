@@ -32,6 +32,7 @@ from uasthn_cli.datasets.spec import DatasetSpec
 from uasthn_cli.datasets.windows import (
     cut_square,
     draw_offset_m,
+    evenly,
     image_u8,
     sample_rng,
     square_corners_px,
@@ -85,7 +86,7 @@ class BosonDataset:
             )
         self._indices = np.flatnonzero(self._kept(folder))
         if spec.samples is not None:
-            self._indices = _evenly(self._indices, spec.samples)
+            self._indices = evenly(self._indices, spec.samples)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the open file and the maps behind: another process reads its own."""
@@ -240,10 +241,3 @@ def _read_world(map_path: Path) -> FloatArray | None:
 
 def _apply_inverse(world: FloatArray, places: FloatArray) -> FloatArray:
     return np.asarray((places - world[:, 2]) @ np.linalg.inv(world[:, :2]).T)
-
-
-def _evenly(indices: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Return at most ``count`` of the indices, spread over all of them."""
-    if count >= len(indices):
-        return indices
-    return np.asarray(indices[np.linspace(0, len(indices) - 1, count).round().astype(int)])

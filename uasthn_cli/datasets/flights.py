@@ -14,7 +14,13 @@ import numpy as np
 from uasthn_cli.config import MAX_MAP_ENLARGEMENT, PriorConfig
 from uasthn_cli.datasets.samples import MatchSample
 from uasthn_cli.datasets.spec import DatasetSpec
-from uasthn_cli.datasets.windows import draw_offset_m, sample_rng, satellite_u8, thermal_u8
+from uasthn_cli.datasets.windows import (
+    draw_offset_m,
+    evenly,
+    sample_rng,
+    satellite_u8,
+    thermal_u8,
+)
 from uasthn_cli.errors import CameraError, DatasetError
 from uasthn_cli.geometry.camera import undistort_points
 from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px, transform_points
@@ -69,15 +75,12 @@ class FlightDataset:
             raise DatasetError(f"{folder}: no frame has a place both in the log and in truth.csv")
         self._frame = LocalFrame(*np.median([(p.lat_deg, p.lon_deg) for p in usable], axis=0))
         self._gsd_m = spec.gsd_m or self._finest_gsd_m(usable)
-        self._priors = [prior for prior in usable if self._has_square(prior)]
+        self._priors = self._shown(usable)
         if not self._priors:
             raise DatasetError(
                 f"{folder}: at {self._gsd_m:.2g} m a pixel no frame shows a square of"
                 f" {_MIN_THERMAL_PX} px: check --hfov, or give a smaller --gsd"
             )
-        if spec.samples is not None and spec.samples < len(self._priors):
-            chosen = np.linspace(0, len(self._priors) - 1, spec.samples).round().astype(int)
-            self._priors = [self._priors[index] for index in chosen]
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the open map behind: another process opens its own."""
@@ -150,16 +153,33 @@ class FlightDataset:
         native_m = native_gsd_m(self._map_path, self._frame)
         return max(native_m / MAX_MAP_ENLARGEMENT, footprint_m / _LARGEST_THERMAL_PX)
 
+    def _shown(self, priors: list[Prior]) -> list[Prior]:
+        """Return the frames that are used, spread over the flight; no others are looked at.
+
+        One that shows nothing leaves its place to the nearest frame that does.
+        """
+        every = np.arange(len(priors))
+        wanted = every if self._spec.samples is None else evenly(every, self._spec.samples)
+        spare = sorted(set(every.tolist()) - set(wanted.tolist()))
+        shown = []
+        for place in wanted.tolist():
+            index: int | None = place
+            while index is not None and not self._has_square(priors[index]):
+                index = _take_nearest(spare, place)
+            if index is not None:
+                shown.append(index)
+        return [priors[index] for index in sorted(shown)]
+
     def _has_square(self, prior: Prior) -> bool:
         """Tell whether a frame can be read and rectified, and shows enough."""
+        name = prior.frame.name
         try:
             ortho = rectify(read_frame(prior.frame.path), self._camera(prior), prior, self._gsd_m)
-        except (
-            UnreadableFrameError,
-            ObliqueFrameError,
-            FootprintSizeError,
-            TexturelessFrameError,
-        ):
+        except UnreadableFrameError as error:
+            _log.warning("%s is skipped: %s", name, error)
+            return False
+        except (ObliqueFrameError, FootprintSizeError, TexturelessFrameError) as error:
+            _log.info("%s is skipped: %s", name, error)
             return False
         return _largest_square(ortho.valid, self._most_px)[1] >= _MIN_THERMAL_PX
 
@@ -194,6 +214,14 @@ class FlightDataset:
 def is_flight(folder: Path) -> bool:
     """Tell whether a folder holds all parts of a flight."""
     return all((folder / part).exists() for part in PARTS)
+
+
+def _take_nearest(spare: list[int], place: int) -> int | None:
+    """Take the number nearest to a place out of a list; None where it is empty."""
+    nearest = min(spare, key=lambda index: abs(index - place), default=None)
+    if nearest is not None:
+        spare.remove(nearest)
+    return nearest
 
 
 def _largest_square(valid: BoolArray, most_px: int) -> tuple[tuple[int, int], int]:

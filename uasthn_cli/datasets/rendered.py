@@ -1,8 +1,10 @@
 """Pairs from overhead images alone: the thermal image is rendered by the data engine."""
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -66,6 +68,10 @@ class RenderedDataset:
             )
         area = np.array([site.area_m2 for site in self._sites])
         self._shares = area / area.sum()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave open files of places behind: another process opens its own."""
+        return self.__dict__ | {"_sites": [copy.copy(site) for site in self._sites]}
 
     def __len__(self) -> int:
         """Return the number of samples asked for."""

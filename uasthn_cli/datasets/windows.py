@@ -57,3 +57,10 @@ def thermal_u8(thermal: NDArray[Any]) -> NDArray[np.uint8]:
 def image_u8(pixels: NDArray[Any]) -> NDArray[np.uint8]:
     """Return pixels that are 8-bit already as they are, and others between robust percentiles."""
     return pixels if pixels.dtype == np.uint8 else thermal_u8(pixels)
+
+
+def evenly(indices: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Return at most ``count`` of the indices, spread over all of them."""
+    if count >= len(indices):
+        return indices
+    return np.asarray(indices[np.linspace(0, len(indices) - 1, count).round().astype(int)])

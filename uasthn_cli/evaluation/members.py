@@ -53,6 +53,9 @@ def describe_weights(weights: Sequence[Path], *, ensemble: bool) -> tuple[str, .
     """Return the files' names with the beginning of their SHA-256, for the predictions' header."""
     if ensemble:
         return ("ensemble in the box",)
-    return tuple(
-        f"{path.name}@{hashlib.sha256(path.read_bytes()).hexdigest()[:12]}" for path in weights
-    )
+    return tuple(describe_file(path) for path in weights)
+
+
+def describe_file(path: Path) -> str:
+    """Return a file's name with the beginning of its SHA-256."""
+    return f"{path.name}@{hashlib.sha256(path.read_bytes()).hexdigest()[:12]}"

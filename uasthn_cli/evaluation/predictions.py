@@ -28,7 +28,7 @@ class Settings:
     ``max_offset_m`` is D_C, ``window_m`` W_S and ``thermal_m`` W_T, ``samples`` how many were asked
     for (None: as the data have it), ``width_px`` the width at which the thermal image was matched
     (None: its own), ``ue_iterations`` after how many iterations all views but the first stop (None:
-    never).
+    never), ``tgm`` which generator drew the thermal images (None: none did).
     """
 
     dataset: str
@@ -49,6 +49,7 @@ class Settings:
     camera: str | None = None
     symmetries: int | None = None
     ue_iterations: int | None = None
+    tgm: str | None = None
     version: str = __version__
 
 

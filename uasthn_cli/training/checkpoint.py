@@ -109,7 +109,7 @@ def require_same_run(
     for name in sorted(saved_flat.keys() & wanted_flat.keys()):
         if name in _FREE or saved_flat[name] == wanted_flat[name]:
             continue
-        is_digest = name in ("data", "initial")
+        is_digest = name in ("data", "initial", "generator")
         values = (
             "" if is_digest else f" ({_said(saved_flat[name])}, now {_said(wanted_flat[name])})"
         )

@@ -28,7 +28,7 @@ def assert_equal(found: DisplacementModel, expected: DisplacementModel) -> None:
     assert all(torch.equal(ours[name], theirs[name]) for name in ours)
 
 
-@pytest.mark.parametrize("name", ["dhn", "ihn", "sthn"])
+@pytest.mark.parametrize("name", ["dhn", "dhn+dm", "ihn", "sthn"])
 def test_our_own_layout(name: str, tmp_path: Path) -> None:
     model = replace(small_model(name), notes={"trained_on": "nothing"})
     path = tmp_path / "own.safetensors"
@@ -38,6 +38,15 @@ def test_our_own_layout(name: str, tmp_path: Path) -> None:
     assert found.settings == SETTINGS
     assert found.notes == model.notes
     assert serialise_model(found) == path.read_bytes()
+
+
+def test_a_dhn_written_before_there_was_a_second_head_loads(tmp_path: Path) -> None:
+    model = small_model("dhn")
+    described = model.architecture()
+    del described["netG"]["has_uncertainty_head"]
+    metadata = {"format": "uasthn-dhn-1", "architecture": json.dumps(described)}
+    save_file(model.tensors(), tmp_path / "old.safetensors", metadata)
+    assert_equal(load_displacement(tmp_path / "old.safetensors"), model)
 
 
 @pytest.mark.parametrize("name", ["ihn", "sthn"])

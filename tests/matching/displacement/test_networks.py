@@ -60,6 +60,23 @@ def test_shapes_and_independence_of_the_batch(build: Callable[[], Network], samp
 
 
 @torch.inference_mode()
+def test_a_second_head_of_dhn_leaves_the_answers_and_models_their_deviations() -> None:
+    torch.manual_seed(1)
+    size = DhnArchitecture((8, 8, 8, 8, 8), 16, has_uncertainty_head=True)
+    modelling = DirectHomographyNetwork(size).eval()
+    satellite, thermal = images(2, 2), images(2, 3)
+    found = modelling(satellite, thermal)
+    assert torch.equal(found.displacements, dhn()(satellite, thermal).displacements)
+    last = modelling.ue_head.get_submodule("4")
+    last.get_parameter("weight").zero_()
+    last.get_parameter("bias").copy_(2.0 * torch.arange(1.0, 9.0).log())
+    deviations = modelling(satellite, thermal).deviations
+    assert deviations is not None
+    # a first guess of 1 is an output's unit, 32 px
+    assert torch.allclose(deviations, 32.0 * torch.arange(1.0, 9.0).reshape(4, 2).expand(2, 4, 2))
+
+
+@torch.inference_mode()
 @pytest.mark.parametrize("build", [ihn, dhn])
 @pytest.mark.parametrize("views", [2, 3, 6])
 def test_crops_agree_on_any_number_of_views(build: Callable[[], Network], views: int) -> None:

@@ -1,6 +1,7 @@
 """Batches: where the thermal image truly lies, and the same batch by number in every run."""
 
 from dataclasses import fields, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from tiny_displacement import (
     pattern_sample,
     tiny_displacement_config,
 )
+from tiny_tgm import tiny_generator
 
 from uasthn_cli.datasets.samples import MatchSample
 from uasthn_cli.errors import TrainingDataError
@@ -116,6 +118,38 @@ def test_workers_change_nothing() -> None:
     apart = list(load_match_batches(PatternPairs(5), replace(CONFIG, workers=2), 1))
     here = list(load_match_batches(PatternPairs(5), CONFIG, 1))
     assert len(apart) == 3
+    assert all(equal(a, b) for a, b in zip(apart, here, strict=True))
+
+
+def drawing(share: float, **changes: Any) -> MatchBatches:
+    config = replace(CONFIG, network="dhn", batch=8, tgm_share=share, **changes)
+    return MatchBatches(PatternPairs(5), config, tiny_generator())
+
+
+def test_a_generator_draws_its_share_and_nothing_else_changes() -> None:
+    plain = MatchBatches(PatternPairs(5), replace(CONFIG, network="dhn", batch=8))
+    shares = []
+    for number in range(4):
+        before, after = plain[number], drawing(0.5)[number]
+        assert equal(replace(after, thermal=before.thermal), before)
+        drawn = (after.thermal != before.thermal).flatten(1).any(dim=1)
+        assert torch.equal(drawing(1.0)[number].thermal[drawn], after.thermal[drawn])
+        shares.append(drawn.float().mean().item())
+    assert 0.2 < np.mean(shares) < 0.8
+    assert (drawing(1.0)[0].thermal != plain[0].thermal).flatten(1).any(dim=1).all()
+
+
+def test_what_is_drawn_depends_on_seed_and_number_alone() -> None:
+    assert equal(drawing(0.5)[3], drawing(0.5, steps=9)[3])
+    assert not equal(drawing(0.5)[3], drawing(0.5, seed=1)[3])
+
+
+@pytest.mark.slow
+def test_workers_draw_the_same() -> None:
+    config = replace(CONFIG, network="dhn", tgm_share=0.5)
+    generator = tiny_generator()
+    here = list(load_match_batches(PatternPairs(5), config, 0, generator))
+    apart = load_match_batches(PatternPairs(5), replace(config, workers=2), 0, generator)
     assert all(equal(a, b) for a, b in zip(apart, here, strict=True))
 
 

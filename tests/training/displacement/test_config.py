@@ -50,7 +50,6 @@ def test_the_rate_falls_to_zero_before_the_crops_and_with_them() -> None:
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"network": "dhn", "direct_modeling": True}, "no second head"),
         ({"direct_modeling": True, "views": 5}, "choose one"),
         ({"network": "ihn", "first_stage": "frozen"}, "nothing to freeze"),
         ({"network": "dhn", "first_stage": "frozen"}, "nothing to freeze"),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from small_displacement_models import FIRST, SECOND
+from small_displacement_models import FIRST, SECOND, small_model
 from tiny_displacement import PatternPairs, TinyLocator, tiny_displacement_config
 from torch import Tensor, nn
 
@@ -22,11 +22,13 @@ from uasthn_cli.training.displacement.loop import (
     train_displacement_steps,
     validate_displacement,
 )
+from uasthn_cli.training.displacement.losses import direct_modeling_loss
 from uasthn_cli.training.displacement.trainee import open_displacement_trainee
 from uasthn_cli.training.trainee import Trainee
 
 PAIRS = PatternPairs(5)
 CONFIG = tiny_displacement_config(plain_steps=2, views=3)
+ORIGINS = {"data": "data", "initial": "", "generator": ""}
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +38,7 @@ def _keep_malloc(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def opened(path: Path, config: DisplacementConfig = CONFIG) -> Trainee[nn.Module]:
     torch.manual_seed(config.seed)
-    return open_displacement_trainee(TinyLocator(), config, path, "data", "")
+    return open_displacement_trainee(TinyLocator(), config, path, ORIGINS)
 
 
 def trained(path: Path, config: DisplacementConfig = CONFIG) -> dict[str, Tensor]:
@@ -99,7 +101,7 @@ def test_a_small_ihn_learns_one_sample_by_heart(tmp_path: Path) -> None:
     )
     torch.manual_seed(0)
     network = IterativeHomographyNetwork(replace(FIRST, levels=1, update_channels=64))
-    trainee = open_displacement_trainee(network, config, tmp_path / "c.pt", "data", "")
+    trainee = open_displacement_trainee(network, config, tmp_path / "c.pt", ORIGINS)
     reports = list(train_displacement_steps(trainee, PatternPairs(1), config, tmp_path / "c.pt"))
     assert reports[-1].median_error_px < 0.2 * reports[0].median_error_px
 
@@ -125,7 +127,7 @@ def test_a_frozen_first_stage_stays_and_the_second_one_learns(tmp_path: Path) ->
     config = tiny_displacement_config(network="sthn", first_stage="frozen", steps=1, batch=1)
     network = small_two_stages()
     before = {name: value.clone() for name, value in network.state_dict().items()}
-    trainee = open_displacement_trainee(network, config, tmp_path / "c.pt", "data", "")
+    trainee = open_displacement_trainee(network, config, tmp_path / "c.pt", ORIGINS)
     list(train_displacement_steps(trainee, PAIRS, config, tmp_path / "c.pt"))
     moved = {
         name for name, value in network.state_dict().items() if not torch.equal(value, before[name])
@@ -142,6 +144,28 @@ def test_direct_modeling_trains_both_heads() -> None:
     lesson(stages_of(network), batch, config).loss.backward()  # type: ignore[no-untyped-call]
     heads = [network.update_block_4, network.ue_update_block_4]
     assert all(value.grad is not None for head in heads for value in head.parameters())
+
+
+def test_a_dhn_learns_one_sample_and_becomes_sure_of_it(tmp_path: Path) -> None:
+    config = tiny_displacement_config(
+        **{"network": "dhn", "direct_modeling": True, "steps": 60, "batch": 1},
+        **{"checkpoint_every": 60, "learning_rate": 0.01, "weight_decay": 0.0},
+    )
+    network, batch = small_model("dhn+dm").network, MatchBatches(PatternPairs(1), config)[0]
+
+    def judged() -> tuple[float, float]:
+        """Return how unlikely the network has the truth, and its mean deviation."""
+        with torch.inference_mode():
+            seen = network.eval()(batch.satellite, batch.thermal)
+        return float(direct_modeling_loss(seen, batch.displacement, 1.0)), seen.deviations.mean()
+
+    loss, deviation_px = judged()
+    trainee = open_displacement_trainee(network, config, tmp_path / "c.pt", ORIGINS)
+    list(train_displacement_steps(trainee, PatternPairs(1), config, tmp_path / "c.pt"))
+    loss_then, deviation_then_px = judged()
+    assert loss_then < 0.5 * loss
+    assert 20 < deviation_px < 50
+    assert deviation_then_px < 0.7 * deviation_px
 
 
 def test_half_precision_leaves_displacements_exact() -> None:

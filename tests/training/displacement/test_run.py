@@ -1,5 +1,7 @@
 """A run from pairs to weights that estimators open; interrupted anywhere, the same files."""
 
+import hashlib
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,12 +11,15 @@ import pytest
 import torch
 from small_displacement_models import small_model, small_weights
 from tiny_displacement import PatternPairs, tiny_displacement_config
+from tiny_tgm import write_tiny_generator
+from torch import Tensor
 
 from uasthn_cli.errors import OutputError, TrainingDataError, WeightsError
 from uasthn_cli.matching.displacement.checkpoints import load_displacement
 from uasthn_cli.matching.registry import open_estimator
 from uasthn_cli.training.displacement.network import build_network, read_initial_model
 from uasthn_cli.training.displacement.run import DisplacementJob, DisplacementRun
+from uasthn_cli.training.tgm.thermal_generator import open_generator_file
 
 
 @pytest.fixture(autouse=True)
@@ -89,6 +94,33 @@ def test_iterated_networks_become_estimators_too(network: str, tmp_path: Path) -
     assert open_estimator(network, weights_path=run.paths.weights).name == network
 
 
+def drawn_job(folder: Path, share: float = 0.5, gsd_m: float = 2.0) -> DisplacementJob:
+    """Return a run in which a generator draws a share of the thermal images."""
+    asked = job(folder, config=tiny_displacement_config(network="dhn", tgm_share=share))
+    weights = write_tiny_generator(folder / "tgm.safetensors", gsd_m=gsd_m)
+    return replace(asked, thermal=open_generator_file(weights, "cpu"))
+
+
+def test_drawn_thermal_images_are_learnt_and_told_of(tmp_path: Path) -> None:
+    plain, drawn = finish(job(tmp_path / "a")), finish(drawn_job(tmp_path / "b"))
+    assert results(drawn)[0] != results(plain)[0]
+    assert results(drawn) == results(finish(drawn_job(tmp_path / "c")))
+    digest = hashlib.sha256((tmp_path / "b" / "tgm.safetensors").read_bytes()).hexdigest()
+    told = "The thermal images of 50% were drawn from the satellite images by `tgm.safetensors`"
+    assert f"{told}, SHA-256 {digest}." in drawn.paths.card.read_text("utf-8")
+    assert "were drawn" not in plain.paths.card.read_text("utf-8")
+
+
+def test_a_run_goes_on_with_its_own_generator_alone(tmp_path: Path) -> None:
+    next(DisplacementRun(drawn_job(tmp_path)).train(lambda _: None))
+    for other in (drawn_job(tmp_path, gsd_m=3.0), job(tmp_path)):
+        with pytest.raises(TrainingDataError, match="begun with another --tgm;"):
+            DisplacementRun(other)
+    with pytest.raises(TrainingDataError, match=r"another --tgm-share \(0.5, now 0.25\)"):
+        DisplacementRun(drawn_job(tmp_path, share=0.25))
+    assert DisplacementRun(drawn_job(tmp_path)).saved_step == 2
+
+
 def test_pairs_that_are_learnt_from_judge_nothing(tmp_path: Path) -> None:
     with pytest.raises(TrainingDataError, match="to judge by are those to learn from"):
         DisplacementRun(job(tmp_path, validation=PatternPairs(4)))
@@ -125,6 +157,21 @@ def test_an_ihn_begins_a_first_stage_and_a_new_head_is_random(tmp_path: Path) ->
     assert any(name.startswith("netG.ue_update_block_4.") for name in state)
     plain = build_network(tiny_displacement_config(), read_initial_model(path, "ihn"))
     assert not any(name.startswith("ue_") for name in plain.state_dict())
+
+
+def test_a_dhn_takes_up_or_drops_a_second_head(tmp_path: Path) -> None:
+    def begun(name: str, *, direct_modeling: bool) -> Mapping[str, Tensor]:
+        config = tiny_displacement_config(network="dhn", direct_modeling=direct_modeling)
+        initial = read_initial_model(small_weights(tmp_path, name), "dhn")
+        return build_network(config, initial).state_dict()
+
+    plain, modelling = (small_model(name).network.state_dict() for name in ("dhn", "dhn+dm"))
+    grown, kept = (begun(name, direct_modeling=True) for name in ("dhn", "dhn+dm"))
+    cut = begun("dhn+dm", direct_modeling=False)
+    assert grown.keys() == kept.keys() == modelling.keys()
+    assert cut.keys() == plain.keys()
+    assert all(torch.equal(grown[name], plain[name]) for name in plain)
+    assert all(torch.equal(kept[name], modelling[name]) for name in modelling)
 
 
 @pytest.mark.parametrize(("weights", "network"), [("dhn", "ihn"), ("ihn", "dhn")])

@@ -1,5 +1,6 @@
 """DHN: one regression of the four corners from both images (DeTone et al. 2016)."""
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -18,10 +19,14 @@ _UNIT_PX = RESIZED_WIDTH_PX / 8
 
 @dataclass(frozen=True, slots=True)
 class DhnArchitecture:
-    """Size of a DHN: channels of its five pairs of convolutions, and of its hidden layer."""
+    """Size of a DHN: channels of its five pairs of convolutions, and of its hidden layer.
+
+    ``has_uncertainty_head`` adds a second head of the same size for Direct Modeling.
+    """
 
     widths: tuple[int, int, int, int, int] = (32, 64, 64, 128, 128)
     hidden: int = 1024
+    has_uncertainty_head: bool = False
 
     def as_metadata(self) -> dict[str, Any]:
         """Return the architecture as JSON can hold it."""
@@ -57,14 +62,10 @@ class DirectHomographyNetwork(nn.Module):
             layers += [*_unit(channels_in, width), *_unit(width, width), nn.MaxPool2d(2)]
             channels_in = width
         self.features = nn.Sequential(*layers)
-        cells = (RESIZED_WIDTH_PX >> _POOLED) ** 2
-        self.head = nn.Sequential(
-            nn.Flatten(),
-            nn.Dropout(0.5),
-            nn.Linear(channels_in * cells, architecture.hidden),
-            nn.ReLU(inplace=True),
-            nn.Linear(architecture.hidden, 8),
-        )
+        inputs = channels_in * (RESIZED_WIDTH_PX >> _POOLED) ** 2
+        self.head = _head(inputs, architecture.hidden)
+        if architecture.has_uncertainty_head:
+            self.ue_head = _head(inputs, architecture.hidden)
 
     def encode_satellite(self, satellite: Tensor) -> Tensor:
         """Return the images themselves: this network has no satellite branch to share."""
@@ -90,12 +91,27 @@ class DirectHomographyNetwork(nn.Module):
         """
         if start is not None:
             raise ValueError("DHN regresses once: it cannot go on from a displacement")
-        regressed = self.head(self.features(pairing.images - 0.5)).reshape(1, -1, 4, 2)
-        return Refinement(regressed * _UNIT_PX)
+        features = self.features(pairing.images - 0.5)
+        displacements = self.head(features).reshape(1, -1, 4, 2) * _UNIT_PX
+        if not self.architecture.has_uncertainty_head:
+            return Refinement(displacements)
+        log_variances = self.ue_head(features).reshape(1, -1, 4, 2) + 2.0 * math.log(_UNIT_PX)
+        return Refinement(displacements, log_variances)
 
     def forward(self, satellite: Tensor, thermal: Tensor, iterations: int = 1) -> Refinement:
         """Locate thermal images ``(N * B, 3, 256, 256)`` in satellite images of the same kind."""
         return self.refine(self.pair(satellite, thermal), iterations)
+
+
+def _head(inputs: int, hidden: int) -> nn.Sequential:
+    """Return fully connected layers to eight numbers, two of each corner."""
+    return nn.Sequential(
+        nn.Flatten(),
+        nn.Dropout(0.5),
+        nn.Linear(inputs, hidden),
+        nn.ReLU(inplace=True),
+        nn.Linear(hidden, 8),
+    )
 
 
 def _unit(channels_in: int, channels: int) -> tuple[nn.Module, ...]:

@@ -88,9 +88,9 @@ def model_of(
     settings = ModelSettings(**architecture["settings"])
     stage = dict(architecture[FIRST_STAGE])
     if name == "dhn":
-        w1, w2, w3, w4, w5 = stage["widths"]
-        widths = DhnArchitecture((w1, w2, w3, w4, w5), int(stage["hidden"]))
-        return DisplacementModel(DirectHomographyNetwork(widths), None, settings, notes)
+        w1, w2, w3, w4, w5 = stage.pop("widths")
+        size = DhnArchitecture((w1, w2, w3, w4, w5), **stage)
+        return DisplacementModel(DirectHomographyNetwork(size), None, settings, notes)
     second = _ihn(architecture[SECOND_STAGE]) if name == "sthn" else None
     return DisplacementModel(_ihn(stage), second, settings, notes)
 

@@ -19,9 +19,11 @@ from uasthn_cli.geometry.crops import crop_corners_px
 from uasthn_cli.matching.displacement.homography import displacement_at_resized, resize_to_network
 from uasthn_cli.training.batches import load_batches
 from uasthn_cli.training.displacement.config import DisplacementConfig
+from uasthn_cli.training.tgm.generated_thermal import GeneratedThermal
+from uasthn_cli.training.tgm.thermal_generator import ThermalGenerator
 from uasthn_cli.types import FloatArray
 
-_CHOICE, _CROPS, _BOXES = range(3)
+_CHOICE, _CROPS, _BOXES, _DRAWN = range(4)
 """Streams of random numbers: a batch's samples do not depend on how many crops they have."""
 
 _VALIDATION_SAMPLES: Final = 48
@@ -64,9 +66,18 @@ class MatchBatches:
     be endless.
     """
 
-    def __init__(self, dataset: MatchDataset, config: DisplacementConfig) -> None:
-        """Draw from a data set that is not empty."""
+    def __init__(
+        self,
+        dataset: MatchDataset,
+        config: DisplacementConfig,
+        generator: ThermalGenerator | None = None,
+    ) -> None:
+        """Draw from a data set that is not empty.
+
+        A ``generator`` draws the thermal images of ``config.tgm_share`` of the samples.
+        """
         self._dataset, self._config = dataset, config
+        self._generated = None if generator is None else GeneratedThermal(dataset, generator)
 
     def __len__(self) -> int:
         """Return the number of batches in a run."""
@@ -84,18 +95,31 @@ class MatchBatches:
             for stream in (_CHOICE, _CROPS, _BOXES)
         )
         indices = choice.choice(count, config.batch, replace=config.batch > count)
-        pairs = [as_pair(self._dataset[int(index)], config) for index in indices]
+        sources = self._sources(number)
+        pairs = [as_pair(sources[k][int(index)], config) for k, index in enumerate(indices)]
         views = config.views_at(number)
         crops = np.stack([_crops(places, views, config) for _ in pairs], axis=1)
         return _joined(pairs, crops, boxes.uniform(-1.0, 1.0, (config.batch, 4)))
 
+    def _sources(self, number: int) -> list[MatchDataset]:
+        """Return where each pair of a batch comes from: as it is, or with a drawn thermal image."""
+        config = self._config
+        if self._generated is None:
+            return [self._dataset] * config.batch
+        lots = np.random.default_rng([config.seed, number, _DRAWN]).random(config.batch)
+        return [self._generated if lot < config.tgm_share else self._dataset for lot in lots]
+
 
 def load_match_batches(
-    dataset: MatchDataset, config: DisplacementConfig, start: int
+    dataset: MatchDataset,
+    config: DisplacementConfig,
+    start: int,
+    generator: ThermalGenerator | None = None,
 ) -> Iterator[MatchBatch]:
     """Return the batches of a run from number ``start`` on, made in worker processes."""
     # files that are open here must not be shared with forked workers: a copy opens its own
-    return load_batches(MatchBatches(copy.copy(dataset), config), config.workers, start)
+    batches = MatchBatches(copy.copy(dataset), config, generator)
+    return load_batches(batches, config.workers, start)
 
 
 def validation_batches(dataset: MatchDataset, config: DisplacementConfig) -> Iterator[MatchBatch]:

@@ -9,6 +9,7 @@ from uasthn_cli.matching.displacement.model import DisplacementModel
 from uasthn_cli.training.displacement.config import PAPER_THERMAL_PX, DisplacementConfig
 from uasthn_cli.training.displacement.network import InitialModel
 from uasthn_cli.training.loop import Validation
+from uasthn_cli.training.tgm.thermal_generator import GeneratorFile
 
 _WHAT: Final = {
     "dhn": "one network that regresses the corners once",
@@ -30,6 +31,7 @@ class DisplacementStory:
     licence_note: str | None
     command_line: str | None
     initial: InitialModel | None
+    thermal: GeneratorFile | None = None
 
 
 def displacement_card(name: str, model: DisplacementModel, story: DisplacementStory) -> str:
@@ -46,6 +48,7 @@ def _lines(name: str, model: DisplacementModel, story: DisplacementStory) -> Ite
         "## Training data",
         "",
         f"Pairs of `{story.source}`.",
+        *_drawn(story),
         "",
         f"Licence note: {story.licence_note or 'none was given.'}",
         "",
@@ -62,6 +65,14 @@ def _lines(name: str, model: DisplacementModel, story: DisplacementStory) -> Ite
     yield from _validation(story.validation)
     parameters = sum(value.numel() for value in model.tensors().values())
     yield from ("", "## Network", "", f"{parameters:,} parameters. {_width_note(story.config)}")
+
+
+def _drawn(story: DisplacementStory) -> Iterator[str]:
+    if story.thermal is not None:
+        yield (
+            f"The thermal images of {story.config.tgm_share:.0%} were drawn from the satellite"
+            f" images by `{story.thermal.name}`, SHA-256 {story.thermal.sha256}."
+        )
 
 
 def _settings(story: DisplacementStory) -> Iterator[tuple[str, object]]:

@@ -23,7 +23,8 @@ class DisplacementConfig:
     """Losses, length and pace of a run; the defaults are the paper's (sec. IV).
 
     ``width_ratio`` is how much wider a satellite image is than a thermal one: displacements hold
-    for one ratio alone, so satellite images are cut or padded to it. The first ``plain_steps`` see
+    for one ratio alone, so satellite images are cut or padded to it. ``tgm_share`` is how much of
+    what is learnt from a thermal generator draws, where there is one. The first ``plain_steps`` see
     whole thermal images only, the others ``views`` (N_C) of each, the whole image among them; in
     both parts the learning rate falls linearly to zero. The paper states no batch size and no
     weight decay. ``first_stage`` and the boxes are of ``sthn``: edges of the first stage's bounding
@@ -34,6 +35,7 @@ class DisplacementConfig:
     network: NetworkName
     steps: int
     batch: int = 16
+    tgm_share: float = 0.0
     width_ratio: float = PAPER_SATELLITE_PX / PAPER_THERMAL_PX
     plain_steps: int = 0
     views: int = 1
@@ -61,8 +63,6 @@ class DisplacementConfig:
         Raises:
             ValueError: it does not, and why.
         """
-        if self.direct_modeling and self.network == "dhn":
-            raise ValueError("dhn has no second head for Direct Modeling: use ihn or sthn")
         if self.direct_modeling and self.views > 1:
             raise ValueError(
                 "Direct Modeling and crops are two ways to the same uncertainty, and the paper"

@@ -30,6 +30,7 @@ from uasthn_cli.training.displacement.losses import (
     sequence_loss,
 )
 from uasthn_cli.training.loop import Lesson, Progress, Validation, take_steps
+from uasthn_cli.training.tgm.thermal_generator import ThermalGenerator
 from uasthn_cli.training.trainee import Trainee
 
 _SEED_STRIDE: Final = 1_000_003
@@ -67,6 +68,7 @@ def train_displacement_steps(
     config: DisplacementConfig,
     checkpoint_path: Path,
     on_step: Callable[[int], None] = lambda _: None,
+    generator: ThermalGenerator | None = None,
 ) -> Iterator[Progress]:
     """Train to the last step; yields after every checkpoint, calls ``on_step`` after every step.
 
@@ -86,7 +88,7 @@ def train_displacement_steps(
 
     return take_steps(
         trainee,
-        lambda start: load_match_batches(dataset, config, start),
+        lambda start: load_match_batches(dataset, config, start, generator),
         learn,
         config.learning_rate_at,
         config,

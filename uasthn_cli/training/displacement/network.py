@@ -11,7 +11,7 @@ from torch import nn
 
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.displacement.checkpoints import load_displacement
-from uasthn_cli.matching.displacement.dhn import DirectHomographyNetwork
+from uasthn_cli.matching.displacement.dhn import DhnArchitecture, DirectHomographyNetwork
 from uasthn_cli.matching.displacement.ihn import IhnArchitecture, IterativeHomographyNetwork
 from uasthn_cli.matching.displacement.model import DisplacementModel, ModelSettings
 from uasthn_cli.matching.displacement.sthn import SECOND_STAGE_LEVELS, TwoStageHomographyNetwork
@@ -21,7 +21,6 @@ from uasthn_cli.training.displacement.config import (
     NetworkName,
 )
 
-_HEAD: Final = "ue_update_block_4."
 _BEGINS_FROM: Final[Mapping[NetworkName, tuple[str, ...]]] = {
     "dhn": ("dhn",),
     "ihn": ("ihn", "sthn"),
@@ -62,13 +61,10 @@ def build_network(config: DisplacementConfig, initial: InitialModel | None = Non
     """
     torch.manual_seed(config.seed)
     first = None if initial is None else initial.model.network
+    has_head = config.direct_modeling
     if config.network == "dhn":
-        if not isinstance(first, DirectHomographyNetwork):
-            return DirectHomographyNetwork()
-        direct = DirectHomographyNetwork(first.architecture)
-        direct.load_state_dict(first.state_dict())
-        return direct
-    coarse = _stage(first, IhnArchitecture(has_uncertainty_head=config.direct_modeling))
+        return _direct(first, has_head)
+    coarse = _stage(first, IhnArchitecture(has_uncertainty_head=has_head))
     if config.network == "ihn":
         return coarse
     second = None if initial is None else initial.model.second
@@ -95,13 +91,27 @@ def trained_model(
     return DisplacementModel(network, None, settings, notes)
 
 
+def _direct(initial: nn.Module | None, has_head: bool) -> DirectHomographyNetwork:
+    """Return a DHN, with a second head or without one."""
+    known = initial if isinstance(initial, DirectHomographyNetwork) else None
+    size = DhnArchitecture() if known is None else known.architecture
+    network = DirectHomographyNetwork(replace(size, has_uncertainty_head=has_head))
+    if known is not None:
+        _take_over(network, known)
+    return network
+
+
 def _stage(initial: nn.Module | None, published: IhnArchitecture) -> IterativeHomographyNetwork:
     """Return a stage with a second head where ``published`` has one."""
     if not isinstance(initial, IterativeHomographyNetwork):
         return IterativeHomographyNetwork(published)
     has_head = published.has_uncertainty_head
     stage = IterativeHomographyNetwork(replace(initial.architecture, has_uncertainty_head=has_head))
-    known = initial.state_dict().items()
-    weights = {name: value for name, value in known if has_head or not name.startswith(_HEAD)}
-    stage.load_state_dict(weights, strict=False)  # a new head keeps its random weights
+    _take_over(stage, initial)
     return stage
+
+
+def _take_over(network: nn.Module, initial: nn.Module) -> None:
+    """Give a network initial weights; a new head keeps its random ones, one too many is left."""
+    own, known = network.state_dict(), initial.state_dict()
+    network.load_state_dict({name: known.get(name, value) for name, value in own.items()})

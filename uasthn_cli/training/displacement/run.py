@@ -24,6 +24,7 @@ from uasthn_cli.training.displacement.trainee import open_displacement_trainee
 from uasthn_cli.training.export import OutputPaths
 from uasthn_cli.training.loop import Progress, Validation
 from uasthn_cli.training.run import ResumableRun
+from uasthn_cli.training.tgm.thermal_generator import GeneratorFile
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,8 @@ class DisplacementJob:
 
     ``config.width_ratio`` is replaced by that of the first sample, or of the initial weights.
     ``source``, ``licence_note`` and ``command_line`` go into the model card as they are;
-    ``validation`` holds pairs that are never trained on.
+    ``validation`` holds pairs that are never trained on; ``thermal`` draws the thermal images of
+    ``config.tgm_share`` of the others.
     """
 
     out: Path
@@ -45,6 +47,7 @@ class DisplacementJob:
     licence_note: str | None = None
     command_line: str | None = None
     initial_weights: Path | None = None
+    thermal: GeneratorFile | None = None
 
 
 class DisplacementRun(ResumableRun):
@@ -78,8 +81,12 @@ class DisplacementRun(ResumableRun):
         config = replace(job.config, width_ratio=ratio)
         self._job = replace(job, config=config)
         network = build_network(config, self._initial)
-        begun_from = "" if self._initial is None else self._initial.sha256
-        trainee = open_displacement_trainee(network, config, paths.checkpoint, data, begun_from)
+        origins = {
+            "data": data,
+            "initial": "" if self._initial is None else self._initial.sha256,
+            "generator": "" if job.thermal is None else job.thermal.sha256,
+        }
+        trainee = open_displacement_trainee(network, config, paths.checkpoint, origins)
         super().__init__(paths, trainee, job.validate_every)
 
     def export(self) -> Validation | None:
@@ -106,6 +113,7 @@ class DisplacementRun(ResumableRun):
             licence_note=job.licence_note,
             command_line=job.command_line,
             initial=self._initial,
+            thermal=job.thermal,
         )
         card = displacement_card(self.paths.weights.name, model, story).encode("utf-8")
         atomic.write_files([(self.paths.card, card), (self.paths.weights, serialise_model(model))])
@@ -113,7 +121,10 @@ class DisplacementRun(ResumableRun):
 
     def _steps(self, on_step: Callable[[int], None]) -> Iterator[Progress]:
         job, path = self._job, self.paths.checkpoint
-        return train_displacement_steps(self._trainee, job.dataset, job.config, path, on_step)
+        generator = None if job.thermal is None else job.thermal.generator
+        return train_displacement_steps(
+            self._trainee, job.dataset, job.config, path, on_step, generator
+        )
 
     def _validate(self) -> Validation | None:
         if self._job.validation is None:

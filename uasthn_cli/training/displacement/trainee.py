@@ -1,5 +1,6 @@
 """A displacement network in training, from its beginning or from a checkpoint."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final
@@ -20,21 +21,27 @@ DISPLACEMENT_OPTIONS: Final = {
     "crop_offset_fraction": "--crop-offset",
     "direct_modeling": "--dm",
     "learning_rate": "--learning-rate",
+    "tgm_share": "--tgm-share",
     "first_stage": "--first-stage",
     "fine_satellite_px": "--preset",
     "seed": "--seed",
     "data": "data set (or its files have changed)",
     "initial": "--init",
+    "generator": "--tgm",
 }
 """How settings of ``uasthn train`` for displacement networks are typed."""
 
 
 def open_displacement_trainee(
-    network: nn.Module, config: DisplacementConfig, checkpoint_path: Path, data: str, initial: str
+    network: nn.Module,
+    config: DisplacementConfig,
+    checkpoint_path: Path,
+    origins: Mapping[str, str],
 ) -> Trainee[nn.Module]:
     """Return the network, or what has become of it in the checkpoint, with its optimiser.
 
-    ``data`` and ``initial`` are digests of what is learnt from and of the weights begun with.
+    ``origins`` are digests: ``data`` of what is learnt from, ``initial`` of the weights begun with,
+    ``generator`` of what draws thermal images; empty for none.
 
     Raises:
         TrainingDataError: the checkpoint belongs to another run.
@@ -49,7 +56,7 @@ def open_displacement_trainee(
         lr=config.learning_rate,
         weight_decay=config.weight_decay,
     )
-    settings = {**asdict(config), "data": data, "initial": initial, "changes": []}
+    settings = {**asdict(config), **origins, "changes": []}
     trainee = Trainee(network, optimiser, 0, settings)
     if checkpoint_path.exists():
         resume(trainee, checkpoint_path, DISPLACEMENT_OPTIONS)

@@ -1,6 +1,8 @@
 """A trained generator at work on single windows."""
 
+import hashlib
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -71,3 +73,22 @@ class ThermalGenerator:
     def is_own_scale(self, gsd_m: float) -> bool:
         """Tell whether a resolution is within 5 % of the one that the generator knows."""
         return abs(math.log(gsd_m / self.gsd_m)) < _SAME_SCALE
+
+
+@dataclass(frozen=True, slots=True)
+class GeneratorFile:
+    """A generator at work, and the file it comes from."""
+
+    name: str
+    sha256: str
+    generator: ThermalGenerator
+
+
+def open_generator_file(path: Path, device: str) -> GeneratorFile:
+    """Read weights written by ``uasthn tgm train``, and say which they are.
+
+    Raises:
+        WeightsError: missing, not safetensors, or of another kind of network.
+    """
+    generator = ThermalGenerator.open(path, device)
+    return GeneratorFile(path.name, hashlib.sha256(path.read_bytes()).hexdigest(), generator)
