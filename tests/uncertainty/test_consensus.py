@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from uasthn_cli.config import Aggregation, CropTtaConfig
+from uasthn_cli.config import Aggregation, CropTtaConfig, UeMethod
 from uasthn_cli.geometry.corners import (
     DegenerateHomographyError,
     homography_from_corners,
@@ -118,6 +118,23 @@ def test_a_small_crops_error_grows_with_the_frame() -> None:
     spread = spread_of_frame(views, found, ORIGINAL)
     assert spread.recovered_px[1] == pytest.approx(full * 1.1)
     assert spread.std_px[3] == pytest.approx(0.1 * full[3] / np.sqrt(2))
+
+
+def test_further_members_add_their_answers_for_the_whole_frame() -> None:
+    views = np.stack([image_corners_px(WIDTH_PX, HEIGHT_PX)] * 2)
+    members = views + np.array([[6.0, 0.0], [0.0, 3.0]])[:, None]
+    choice = UncertaintyChoice(UeMethod.DE, aggregation=Aggregation.MEAN)
+    spread = spread_of_frame(views, views, choice, members=members)
+    expected = [np.std([0, 6, 0], ddof=1), np.std([0, 0, 3], ddof=1)]
+    assert spread.std_px == pytest.approx(np.array([expected] * 4))
+    assert spread.corners_px == pytest.approx(views[0] + [2.0, 1.0])
+
+
+def test_what_the_network_says_of_itself_is_taken_as_it_is() -> None:
+    views = image_corners_px(WIDTH_PX, HEIGHT_PX)[None]
+    stated = np.arange(8.0).reshape(4, 2)
+    spread = spread_of_frame(views, views, UncertaintyChoice(UeMethod.DM), modelled_std=stated)
+    assert spread.std_px == pytest.approx(stated)
 
 
 def test_a_view_without_homography_is_an_error() -> None:

@@ -61,7 +61,8 @@ def refusal(method: UeMethod, offer: Offer) -> str | None:
     if method in OF_CROPS and offer.views < 2:
         return f"{method} needs crops, say --views 5: one view cannot disagree with itself"
     if method in OF_MEMBERS and offer.members < 2:
-        return f"{method} needs an ensemble: give --weights several times, or --ensemble"
+        box = ", or --ensemble" if offer.estimator == "xcorr" else ""
+        return f"{method} needs an ensemble: give --weights several times{box}"
     if method is UeMethod.DM and not offer.has_head:
         return f"{method} needs a network with a second head; {offer.estimator} has none"
     return None
