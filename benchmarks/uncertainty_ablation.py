@@ -16,10 +16,10 @@ from typing import Any, Final
 import click
 from tables import machine_line, markdown_table, number, use_threads
 
-from uasthn_cli.config import Aggregation, CropTtaConfig, Sampling
+from uasthn_cli.config import Aggregation, CropTtaConfig, Merge, Sampling, UeMethod
 from uasthn_cli.datasets.opening import open_dataset
 from uasthn_cli.datasets.spec import DatasetSpec
-from uasthn_cli.evaluation.judging import Judged, JudgingConfig, UeMethod, judge
+from uasthn_cli.evaluation.judging import Judged, JudgingConfig, judge
 from uasthn_cli.evaluation.members import describe_weights, open_members
 from uasthn_cli.evaluation.metrics import acceptance_curve, score
 from uasthn_cli.evaluation.predictions import Predictions, Settings
@@ -29,7 +29,6 @@ from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.outputs.atomic import write_bytes, write_text
 from uasthn_cli.report.drawing import Axes, Figure, encode, styled
-from uasthn_cli.uncertainty.merge import Merge
 
 THREADS: Final = 1
 COLUMNS: Final = (

@@ -29,6 +29,24 @@ class Rule(StrEnum):
     MEAN = "mean"
 
 
+class UeMethod(StrEnum):
+    """Methods of uncertainty estimation, as the paper's Table I has them."""
+
+    NONE = "none"
+    DM = "dm"
+    DE = "de"
+    CROPTTA = "croptta"
+    CROPTTA_DE = "croptta+de"
+
+
+class Merge(StrEnum):
+    """How two uncertainties of one corner become one (paper, eq. 12): the larger by default."""
+
+    MAX = "max"
+    MIN = "min"
+    ADD = "add"
+
+
 class TimeBase(StrEnum):
     """Which clock dates the log: decided by evidence, the records' own, or the vehicle's."""
 
@@ -121,7 +139,11 @@ class PriorConfig:
 
 @dataclass(frozen=True, slots=True)
 class GeotagConfig:
-    """Everything that shapes the result of one ``uasthn geotag`` run apart from its inputs."""
+    """Everything that shapes the result of one ``uasthn geotag`` run apart from its inputs.
+
+    ``ue`` None is the method that uses most of what the run has, ``merge`` None the larger of two
+    uncertainties, ``aggregation`` None the paper's choice for the method.
+    """
 
     estimator: str = "xcorr"
     search_radius_m: float = 200.0
@@ -131,7 +153,9 @@ class GeotagConfig:
     ensemble: bool = False
     ue_iterations: int | None = None
     crops: CropTtaConfig = CropTtaConfig()
-    aggregation: Aggregation = Aggregation.ORIGINAL
+    ue: UeMethod | None = None
+    merge: Merge | None = None
+    aggregation: Aggregation | None = None
     fuse: bool = True
     map_error_m: float = DEFAULT_MAP_ERROR_M
     decision: DecisionConfig = DecisionConfig()

@@ -23,7 +23,7 @@ class Estimate:
     entry ``(j, i)`` puts ortho pixel (0, 0) on window pixel ``(i, j) * stride_px``; None for an
     estimator that does not score shifts. ``confidence`` in 0..1 is the posterior mass near the
     first view's answer (1 without scores). ``modelled_std_px`` ``(4, 2)`` is what a network itself
-    says of its first answer (the paper's Direct Modeling), None where it says nothing.
+    says of the first view's corners (the paper's Direct Modeling), None where it says nothing.
     """
 
     corners_px: FloatArray
@@ -80,6 +80,15 @@ class Estimator(Protocol):
         the lattice of :attr:`Estimate.scores`; it counts for every view. An estimator that does
         not score shifts leaves it aside.
         """
+
+
+@runtime_checkable
+class SelfAssessor(Protocol):
+    """An estimator whose network may have been trained to say how far off it is."""
+
+    @property
+    def models_std(self) -> bool:
+        """Whether its estimates have :attr:`Estimate.modelled_std_px`."""
 
 
 @runtime_checkable

@@ -220,10 +220,11 @@ class Trust:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Agreement of the views after each was carried back to the full frame (paper, eqs. 1-5).
+    """Agreement on one frame after each view was carried back to it (paper, eqs. 1-5).
 
-    ``recovered_px`` ``(N, 4, 2)``, ``corners_px`` ``(4, 2)`` aggregated, ``std_px`` ``(4, 2)``
-    standard deviation per corner coordinate; all in window pixels.
+    ``recovered_px`` ``(N, 4, 2)`` by view, ``corners_px`` ``(4, 2)`` aggregated, ``std_px``
+    ``(4, 2)`` standard deviation per corner coordinate, by the run's method of uncertainty
+    estimation; all in window pixels.
     """
 
     recovered_px: FloatArray
@@ -236,7 +237,8 @@ class Fix:
     """Where one frame was taken, in WGS 84 degrees and ground metres.
 
     ``corners_deg`` ``(4, 2)`` holds ``(lat, lon)`` of the frame's corners, ``corner_std_m``
-    ``(4, 2)`` the standard deviation of each corner east-west and north-south among the views.
+    ``(4, 2)`` the standard deviation of each corner east-west and north-south by the run's method
+    of uncertainty estimation: among views, among networks, or as the network itself has it.
     ``single`` is the frame's own answer where this one rests on the whole flight.
     """
 

@@ -5,9 +5,9 @@ import numpy as np
 from known_estimator import made_up_predictions
 from PIL import Image
 
-from uasthn_cli.config import DecisionConfig
+from uasthn_cli.config import DecisionConfig, UeMethod
 from uasthn_cli.evaluation.figures import FIGURES, Curve, draw_evaluation
-from uasthn_cli.evaluation.judging import JudgingConfig, UeMethod, judge
+from uasthn_cli.evaluation.judging import JudgingConfig, judge
 
 CONFIG = JudgingConfig(DecisionConfig(max_std_m=10.0))
 RNG = np.random.default_rng(1)

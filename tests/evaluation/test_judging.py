@@ -7,11 +7,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from known_estimator import made_up_predictions
 
-from uasthn_cli.config import Aggregation, DecisionConfig, Rule
+from uasthn_cli.config import Aggregation, DecisionConfig, Merge, Rule, UeMethod
 from uasthn_cli.errors import PredictionsError
 from uasthn_cli.evaluation.judging import (
     JudgingConfig,
-    UeMethod,
     centre_errors_m,
     image_centres_px,
     judge,
@@ -19,7 +18,6 @@ from uasthn_cli.evaluation.judging import (
 )
 from uasthn_cli.geometry.corners import homography_from_corners, image_corners_px, transform_points
 from uasthn_cli.types import FloatArray
-from uasthn_cli.uncertainty.merge import Merge
 
 ERRORS_M = np.array([2.0, 5.0, 60.0, 90.0])
 STD_M = np.array([1.0, 12.0, 8.0, 30.0])

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from known_estimator import made_up_predictions
 
-from uasthn_cli.config import DecisionConfig
-from uasthn_cli.evaluation.judging import Judged, JudgingConfig, UeMethod, judge
+from uasthn_cli.config import DecisionConfig, UeMethod
+from uasthn_cli.evaluation.judging import Judged, JudgingConfig, judge
 from uasthn_cli.evaluation.metrics import acceptance_curve, roc_of, score
 
 TEN_METRES = JudgingConfig(DecisionConfig(max_std_m=10.0))

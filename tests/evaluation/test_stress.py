@@ -4,9 +4,9 @@ import pytest
 from known_estimator import SETTINGS, ShiftEstimator
 from small_flight import HFOV_DEG, make_flight
 
-from uasthn_cli.config import CropTtaConfig, DecisionConfig
+from uasthn_cli.config import CropTtaConfig, DecisionConfig, UeMethod
 from uasthn_cli.datasets.spec import DatasetSpec
-from uasthn_cli.evaluation.judging import JudgingConfig, UeMethod
+from uasthn_cli.evaluation.judging import JudgingConfig
 from uasthn_cli.evaluation.protocol import ProtocolConfig
 from uasthn_cli.evaluation.stress import CATEGORIES, HEALTHY, StressSuite
 from uasthn_cli.ingest.cameras import CameraSpec

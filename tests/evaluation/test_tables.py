@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from known_estimator import SETTINGS, made_up_predictions
 
-from uasthn_cli.config import DecisionConfig
-from uasthn_cli.evaluation.judging import JudgingConfig, UeMethod
+from uasthn_cli.config import DecisionConfig, UeMethod
+from uasthn_cli.evaluation.judging import JudgingConfig
 from uasthn_cli.evaluation.tables import (
     accuracy_csv,
     accuracy_rows,

@@ -41,6 +41,17 @@ def test_early_stopping_of_an_estimator_without_steps_is_refused(name: str) -> N
         open_estimator(name, ue_iterations=2)
 
 
+def test_only_xcorr_is_several_networks_in_one(weights: Path, tmp_path: Path) -> None:
+    second = tmp_path / "second.safetensors"
+    second.write_bytes(weights.read_bytes())
+    both = open_estimator("xcorr", weights_path=weights, further_weights=[second], device="cpu")
+    assert both.name == "xcorr"
+    with pytest.raises(WeightsError, match="ihn is one network"):
+        open_estimator("ihn", weights_path=weights, further_weights=[second])
+    with pytest.raises(WeightsError, match="leave out --weights"):
+        open_estimator("xcorr", weights_path=weights, further_weights=[second], ensemble=True)
+
+
 def test_an_unknown_estimator_is_named_with_those_known() -> None:
     with pytest.raises(ValueError, match="unknown estimator 'sift'; known: xcorr, ncc, dhn"):
         open_estimator("sift")

@@ -84,3 +84,16 @@ def test_a_second_scale_that_sees_nothing_says_nothing(
         height_source="test",
     )
     assert second.evidence(far, read_frame(far.frame.path), SEARCH_RADIUS_M, scene) is None
+
+
+def test_members_say_where_they_find_the_whole_frame(
+    lookers: tuple[Looker, Looker], priors: list[Prior]
+) -> None:
+    first = lookers[0]
+    look = first.with_members([first, first]).look(priors[0], CropTtaConfig(), SEARCH_RADIUS_M)
+    assert look.members_px.shape == (2, 4, 2)
+    for member_px in look.members_px:
+        assert member_px == pytest.approx(look.estimate.corners_px[0])
+    assert len(look.estimate.corners_px) == CropTtaConfig().views
+    assert first.look(priors[0], WHOLE_FRAME, SEARCH_RADIUS_M).members_px.shape == (0, 4, 2)
+    assert (first.members, first.with_members([first]).members) == (1, 2)

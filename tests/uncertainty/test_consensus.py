@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from uasthn_cli.config import Aggregation, CropTtaConfig
+from uasthn_cli.config import Aggregation, CropTtaConfig, UeMethod
 from uasthn_cli.geometry.corners import (
     DegenerateHomographyError,
     homography_from_corners,
@@ -14,10 +14,13 @@ from uasthn_cli.geometry.corners import (
     transform_points,
 )
 from uasthn_cli.types import FloatArray
-from uasthn_cli.uncertainty.consensus import recover_corners, spread_of_views
+from uasthn_cli.uncertainty.consensus import recover_corners, spread_of_frame
+from uasthn_cli.uncertainty.methods import UncertaintyChoice
 from uasthn_cli.uncertainty.views import crop_views_px
 
 WIDTH_PX, HEIGHT_PX = 160, 110
+CROPS_BY = {kind: UncertaintyChoice(aggregation=kind) for kind in Aggregation}
+ORIGINAL = CROPS_BY[Aggregation.ORIGINAL]
 CORNER_NOISE = arrays.arrays(np.float64, (4, 2), elements=st.floats(-25.0, 25.0))
 SHIFT = arrays.arrays(np.float64, (2,), elements=st.floats(-300.0, 300.0))
 CROPS = st.builds(
@@ -53,7 +56,7 @@ def test_views_that_follow_one_homography_agree(
     views = crop_views_px(WIDTH_PX, HEIGHT_PX, crops, "frame.png")
     found = transform_points(homography_from_corners(full, expected), views)
     for aggregation in Aggregation:
-        spread = spread_of_views(views, found, aggregation)
+        spread = spread_of_frame(views, found, CROPS_BY[aggregation])
         assert spread.recovered_px == pytest.approx(
             np.broadcast_to(expected, views.shape), abs=1e-6
         )
@@ -82,14 +85,14 @@ def test_recovery_is_what_the_papers_equations_say(crops: CropTtaConfig, noise: 
 def test_view_zero_is_its_own_answer() -> None:
     views = crop_views_px(WIDTH_PX, HEIGHT_PX, CropTtaConfig(), "frame.png")
     found = views + np.random.default_rng(0).normal(0.0, 4.0, views.shape)
-    spread = spread_of_views(views, found, Aggregation.ORIGINAL)
+    spread = spread_of_frame(views, found, ORIGINAL)
     assert spread.corners_px == pytest.approx(found[0])
 
 
 def test_the_mean_is_over_all_recovered_views() -> None:
     views = crop_views_px(WIDTH_PX, HEIGHT_PX, CropTtaConfig(), "frame.png")
     found = views + np.random.default_rng(1).normal(0.0, 4.0, views.shape)
-    spread = spread_of_views(views, found, Aggregation.MEAN)
+    spread = spread_of_frame(views, found, CROPS_BY[Aggregation.MEAN])
     assert spread.corners_px == pytest.approx(spread.recovered_px.mean(axis=0))
     assert not np.allclose(spread.corners_px, found[0])
 
@@ -97,14 +100,14 @@ def test_the_mean_is_over_all_recovered_views() -> None:
 def test_views_that_disagree_by_a_shift_spread_by_it() -> None:
     views = np.stack([image_corners_px(WIDTH_PX, HEIGHT_PX)] * 3)
     found = views + np.array([[0.0, 0.0], [3.0, 0.0], [6.0, 12.0]])[:, None]
-    spread = spread_of_views(views, found, Aggregation.ORIGINAL)
+    spread = spread_of_frame(views, found, ORIGINAL)
     expected = [np.std([0, 3, 6], ddof=1), np.std([0, 0, 12], ddof=1)]
     assert spread.std_px == pytest.approx(np.array([expected] * 4))
 
 
 def test_a_single_view_has_no_spread() -> None:
     views = image_corners_px(WIDTH_PX, HEIGHT_PX)[None]
-    spread = spread_of_views(views, views + 5.0, Aggregation.ORIGINAL)
+    spread = spread_of_frame(views, views + 5.0, ORIGINAL)
     assert (spread.std_px == 0).all()
 
 
@@ -112,9 +115,26 @@ def test_a_small_crops_error_grows_with_the_frame() -> None:
     full, crop = image_corners_px(160, 110), image_corners_px(80, 55)
     views = np.stack([full, crop])
     found = np.stack([full, crop * 1.1])
-    spread = spread_of_views(views, found, Aggregation.ORIGINAL)
+    spread = spread_of_frame(views, found, ORIGINAL)
     assert spread.recovered_px[1] == pytest.approx(full * 1.1)
     assert spread.std_px[3] == pytest.approx(0.1 * full[3] / np.sqrt(2))
+
+
+def test_further_members_add_their_answers_for_the_whole_frame() -> None:
+    views = np.stack([image_corners_px(WIDTH_PX, HEIGHT_PX)] * 2)
+    members = views + np.array([[6.0, 0.0], [0.0, 3.0]])[:, None]
+    choice = UncertaintyChoice(UeMethod.DE, aggregation=Aggregation.MEAN)
+    spread = spread_of_frame(views, views, choice, members=members)
+    expected = [np.std([0, 6, 0], ddof=1), np.std([0, 0, 3], ddof=1)]
+    assert spread.std_px == pytest.approx(np.array([expected] * 4))
+    assert spread.corners_px == pytest.approx(views[0] + [2.0, 1.0])
+
+
+def test_what_the_network_says_of_itself_is_taken_as_it_is() -> None:
+    views = image_corners_px(WIDTH_PX, HEIGHT_PX)[None]
+    stated = np.arange(8.0).reshape(4, 2)
+    spread = spread_of_frame(views, views, UncertaintyChoice(UeMethod.DM), modelled_std=stated)
+    assert spread.std_px == pytest.approx(stated)
 
 
 def test_a_view_without_homography_is_an_error() -> None:
@@ -122,4 +142,4 @@ def test_a_view_without_homography_is_an_error() -> None:
     found = views.copy()
     found[2, 3] = found[2, 0]
     with pytest.raises(DegenerateHomographyError):
-        spread_of_views(views, found, Aggregation.ORIGINAL)
+        spread_of_frame(views, found, ORIGINAL)

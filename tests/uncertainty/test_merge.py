@@ -4,17 +4,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from uasthn_cli.config import Aggregation
+from uasthn_cli.config import Aggregation, Merge
 from uasthn_cli.types import FloatArray
-from uasthn_cli.uncertainty.consensus import spread_of_views
+from uasthn_cli.uncertainty.consensus import spread_of_frame
 from uasthn_cli.uncertainty.merge import (
-    Merge,
     crop_corners,
     crop_std,
     ensemble_corners,
     ensemble_std,
     merged_std,
 )
+from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
 STDS = arrays(np.float64, (4, 2), elements=st.floats(0.0, 1e4))
 PLACES = st.floats(-1e3, 1e3)
@@ -85,7 +85,7 @@ def test_views_agree_with_the_consensus_that_geotag_uses(aggregation: Aggregatio
     rng = np.random.default_rng(3)
     views = np.array([[0.0, 0.0], [9.0, 0.0], [0.0, 7.0], [9.0, 7.0]]) + np.zeros((5, 1, 1))
     found = views + 40.0 + rng.normal(size=(5, 4, 2))
-    spread = spread_of_views(views, found, aggregation)
+    spread = spread_of_frame(views, found, UncertaintyChoice(aggregation=aggregation))
     answers = spread.recovered_px[None]
     np.testing.assert_allclose(crop_std(answers), spread.std_px)
     np.testing.assert_allclose(crop_corners(answers, aggregation), spread.corners_px)

@@ -63,7 +63,7 @@ def demo(seed: int, out: Path, overwrite: bool) -> None:
         frames_path=flight.frames,
         map_path=flight.map,
         camera=CameraSpec(hfov_deg=config.hfov_deg),
-        calibration=chosen_calibration("default", "xcorr", None),
+        calibration=chosen_calibration("default", "xcorr"),
     )
     target = Target(out / "results", flight.truth, overwrite=overwrite)
     try:

@@ -27,10 +27,10 @@ from uasthn_cli.commands.options import (
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO
 from uasthn_cli.commands.sections import SectionedCommand
 from uasthn_cli.commands.tgm_drawing import drawn_to_judge_by
-from uasthn_cli.config import CropTtaConfig
+from uasthn_cli.config import CropTtaConfig, UeMethod
 
 if TYPE_CHECKING:
-    from uasthn_cli.evaluation.judging import JudgingConfig, UeMethod
+    from uasthn_cli.evaluation.judging import JudgingConfig
     from uasthn_cli.evaluation.predictions import Predictions, Settings
     from uasthn_cli.evaluation.protocol import ProtocolConfig
     from uasthn_cli.ingest.cameras import CameraSpec
@@ -198,7 +198,6 @@ def _run_stress(
     """Evaluate flights made wrong, and write and print what became of them."""
     from tempfile import TemporaryDirectory
 
-    from uasthn_cli.evaluation.judging import UeMethod
     from uasthn_cli.evaluation.stress import StressSuite, render_flights
 
     if values["tgm"] is not None:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import click
 
+from uasthn_cli.config import UeMethod
 from uasthn_cli.errors import OutputError, PredictionsError
-from uasthn_cli.evaluation.judging import JudgingConfig, UeMethod, judge, refusal
+from uasthn_cli.evaluation.judging import JudgingConfig, judge, refusal
 from uasthn_cli.evaluation.predictions import Predictions
 from uasthn_cli.evaluation.stress import StressRow
 from uasthn_cli.evaluation.tables import (

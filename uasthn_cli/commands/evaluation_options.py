@@ -22,14 +22,16 @@ from uasthn_cli.config import (
     Aggregation,
     CropTtaConfig,
     DecisionConfig,
+    Merge,
     Rule,
     Sampling,
+    UeMethod,
 )
 
 if TYPE_CHECKING:
-    from uasthn_cli.evaluation.judging import JudgingConfig, UeMethod
+    from uasthn_cli.evaluation.judging import JudgingConfig
 
-UE_METHODS: Final = ("none", "dm", "de", "croptta", "croptta+de")
+UE_METHODS: Final = tuple(method.value for method in UeMethod)
 PAPER_THERMAL_PX: Final = 512
 """W_T, in whose pixels the paper states the crop offset."""
 
@@ -50,8 +52,6 @@ class UeType(click.ParamType["tuple[UeMethod, ...]"]):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> "tuple[UeMethod, ...]":
         """Return the methods in the order given, each once."""
-        from uasthn_cli.evaluation.judging import UeMethod
-
         names = dict.fromkeys(part.strip() for part in str(value).split(","))
         unknown = [name for name in names if name not in UE_METHODS]
         if unknown:
@@ -69,7 +69,6 @@ def _judging(
 ) -> "JudgingConfig":
     """Return how predictions become accepted or rejected answers."""
     from uasthn_cli.evaluation.judging import JudgingConfig
-    from uasthn_cli.uncertainty.merge import Merge
 
     limit, unit = max_std or (None, "m")
     decision = DecisionConfig(
@@ -143,8 +142,8 @@ judging_options: Final = gathered(
     ),
     uncertainty_option(
         "--merge",
-        type=click.Choice(["max", "min", "add"]),
-        default="max",
+        type=click.Choice([merge.value for merge in Merge]),
+        default=Merge.MAX.value,
         show_default=True,
         help="How croptta+de makes one uncertainty of two.",
     ),

@@ -22,6 +22,7 @@ from uasthn_cli.config import GeotagConfig, PriorConfig
 
 if TYPE_CHECKING:
     from uasthn_cli.ingest.cameras import CameraSpec
+    from uasthn_cli.pipeline import GeotagJob
     from uasthn_cli.types import FrameResult
     from uasthn_cli.uncertainty.calibration import Calibration
 
@@ -88,11 +89,12 @@ input_option = section_option("Input")
 @matching_options
 @search_option(
     "--weights",
-    "weights_path",
     type=click.Path(path_type=Path),
+    multiple=True,
     metavar="FILE",
-    help="Network weights from `uasthn train`, or for the vismatch matcher.  [default: those of the"
-    " package]",
+    help="Network weights from `uasthn train`, or for the vismatch matcher; several times for a"
+    " deep ensemble, the base network first (xcorr averages the networks' scores).  [default: those"
+    " of the package]",
 )
 @trust_option(
     "--calibration",
@@ -112,7 +114,7 @@ def geotag(
     crs: str | None,
     truth_path: Path | None,
     frame_times_csv: Path | None,
-    weights_path: Path | None,
+    weights: tuple[Path, ...],
     calibration_name: str,
     camera: "CameraSpec",
     prior: PriorConfig,
@@ -135,9 +137,10 @@ def geotag(
         prior=prior,
         frame_times_csv=frame_times_csv,
         config=config,
-        weights_path=weights_path,
-        calibration=chosen_calibration(calibration_name, config.estimator, weights_path),
+        weights=weights,
+        calibration=chosen_calibration(calibration_name, config.estimator, weights),
     )
+    require_consistent(job)
     results = geotag_to_folder(job, Target(out, truth_path, crs, overwrite))
     if job.calibration is None and calibration_name == "default":
         say("Answers are judged by plain limits: no calibration came with these weights")
@@ -146,7 +149,7 @@ def geotag(
 
 
 def chosen_calibration(
-    name: str, estimator: str, weights_path: Path | None
+    name: str, estimator: str, weights: "Sequence[Path]" = ()
 ) -> "Calibration | None":
     """Return the calibration asked for; the default one speaks of the weights in the box only.
 
@@ -159,9 +162,19 @@ def chosen_calibration(
         return None
     if name != "default":
         return load_calibration(Path(name))
-    if estimator != "xcorr" or weights_path is not None:
+    if estimator != "xcorr" or weights:
         return None
     return load_bundled_calibration()
+
+
+def require_consistent(job: "GeotagJob") -> None:
+    """Check that method of uncertainty, weights and settings fit together, before any work."""
+    from uasthn_cli.pipeline.job import chosen_uncertainty
+
+    try:
+        chosen_uncertainty(job)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
 
 
 def require_known_crs(crs: str | None) -> None:

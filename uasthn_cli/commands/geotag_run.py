@@ -89,15 +89,16 @@ def _inputs(job: GeotagJob, run: Run) -> dict[str, Any]:
     return {"frames": digest, **files}
 
 
-def _weights_paths(job: GeotagJob) -> dict[str, Path | None]:
-    """Return the files that networks are loaded from; None without any, or if vismatch has it."""
-    if job.weights_path is not None or job.config.estimator != "xcorr":
-        return {"weights": job.weights_path}
-    from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR
+def _weights_paths(job: GeotagJob) -> dict[str, Path]:
+    """Return the files that networks are loaded from: none of ncc, or if vismatch has its own."""
+    paths = job.weights
+    if not paths and job.config.estimator == "xcorr":
+        from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR
 
-    if not job.config.ensemble:
-        return {"weights": BUNDLED_XCORR}
-    return {f"weights_{k}": path for k, path in enumerate(BUNDLED_ENSEMBLE, start=1)}
+        paths = BUNDLED_ENSEMBLE if job.config.ensemble else (BUNDLED_XCORR,)
+    if len(paths) == 1:
+        return {"weights": paths[0]}
+    return {f"weights_{k}": path for k, path in enumerate(paths, start=1)}
 
 
 def _file(path: Path) -> dict[str, Any]:

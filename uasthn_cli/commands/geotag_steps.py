@@ -5,16 +5,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from uasthn_cli.commands.console import progress
 from uasthn_cli.commands.flight_lines import flight_lines, flight_record
 from uasthn_cli.errors import RunInterruptedError
 from uasthn_cli.outputs.journal import LOCATED, NEAR_LOOKS, Journal
 from uasthn_cli.pipeline import Run
-from uasthn_cli.types import FrameResult, Located, NearLook
+from uasthn_cli.types import Fix, FrameResult, Located, NearLook
 
 T = TypeVar("T")
+
+_UNFUSED: Final = (
+    "Every frame stands alone: this estimator scores no places, so the flight cannot settle them"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +86,9 @@ def _finish(run: Run, journals: Journals, fuse: bool) -> Outcome:
     located = [journals.located.finished[name] for name in names]
     survey = run.survey(located) if fuse else None
     if survey is None:
-        return Outcome([entry.result for entry in located], write_s)
+        results = [entry.result for entry in located]
+        has_no_scores = fuse and any(isinstance(result, Fix) for result in results)
+        return Outcome(results, write_s, said=[_UNFUSED] if has_no_scores else [])
     seen = frozenset(journals.near.finished)
     again = run.look_again(survey, seen)
     write_s += _fill("looking again", len(survey.frames), journals.near, again)

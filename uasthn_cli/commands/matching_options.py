@@ -19,8 +19,10 @@ from uasthn_cli.config import (
     CropTtaConfig,
     DecisionConfig,
     GeotagConfig,
+    Merge,
     Rule,
     Sampling,
+    UeMethod,
 )
 
 ESTIMATORS: Final = ("xcorr", "ncc", "dhn", "ihn", "sthn")
@@ -45,7 +47,9 @@ def _geotag_config(
     crop_sampling: str,
     crop_offset_fraction: float,
     seed: int,
-    aggregation: str,
+    ue: str | None,
+    merge: str | None,
+    aggregation: str | None,
     fuse: bool,
     map_error_m: float,
     max_std: tuple[float, str] | None,
@@ -63,7 +67,9 @@ def _geotag_config(
         ue_iterations=ue_iterations,
         ensemble=ensemble,
         crops=CropTtaConfig(views, Sampling(crop_sampling), crop_offset_fraction, seed),
-        aggregation=Aggregation(aggregation),
+        ue=None if ue is None else UeMethod(ue),
+        merge=None if merge is None else Merge(merge),
+        aggregation=None if aggregation is None else Aggregation(aggregation),
         fuse=fuse,
         map_error_m=map_error_m,
         decision=DecisionConfig(
@@ -128,7 +134,7 @@ matching_options: Final = gathered(
     search_option(
         "--ensemble",
         is_flag=True,
-        help="Average the three networks in the box instead of using one: slower.",
+        help="Average the scores of the three networks in the box instead of using one: slower.",
     ),
     flight_option(
         "--fuse/--no-fuse",
@@ -147,7 +153,20 @@ matching_options: Final = gathered(
         " uncertainty.",
     ),
     trust_option(
+        "--ue",
+        type=click.Choice([method.value for method in UeMethod]),
+        help="What tells how uncertain a frame's own answer is: none, its crops (croptta), the"
+        " networks of an ensemble (de), both, or the network itself (dm, Direct Modeling)."
+        "  [default: all that the run allows, dm where there is nothing else]",
+    ),
+    trust_option(
+        "--merge",
+        type=click.Choice([merge.value for merge in Merge]),
+        help="How croptta+de makes one uncertainty of two.  [default: max]",
+    ),
+    trust_option(
         "--crops",
+        "--views",
         "views",
         type=click.IntRange(min=1),
         default=_CONFIG.crops.views,
@@ -182,16 +201,17 @@ matching_options: Final = gathered(
     trust_option(
         "--aggregation",
         type=click.Choice([aggregation.value for aggregation in Aggregation]),
-        default=_CONFIG.aggregation.value,
-        show_default=True,
-        help="The answer: the whole frame's own, or the mean of all views.",
+        help="The answer: the whole frame's own by the first network, or the mean of an ensemble's,"
+        " without one of all views.  [default: as the paper has it, the mean of an ensemble, else"
+        " the original]",
     ),
     trust_option(
         "--max-std",
         type=StdThresholdType(),
         metavar="10m|4px",
-        help="Standard deviation of the corners beyond which a frame's own answer is rejected:"
-        " metres on the ground, or pixels of the search window at the paper's width of 256."
+        help="Standard deviation of the corners (by --ue) beyond which a frame's own answer is"
+        " rejected: metres on the ground, or pixels of the search window at the paper's width of"
+        " 256."
         f"  [default: left to the calibration; {FALLBACK_MAX_STD_M:g}m without one]",
     ),
     trust_option(

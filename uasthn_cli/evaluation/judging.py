@@ -1,8 +1,6 @@
 """From predictions to errors and uncertainties, by method of uncertainty estimation."""
 
 from dataclasses import dataclass, field
-from enum import StrEnum
-from typing import Final
 
 import numpy as np
 
@@ -11,36 +9,15 @@ from uasthn_cli.config import (
     RESIZED_WIDTH_PX,
     Aggregation,
     DecisionConfig,
+    Merge,
+    UeMethod,
 )
 from uasthn_cli.errors import PredictionsError
 from uasthn_cli.evaluation.predictions import Predictions
 from uasthn_cli.types import BoolArray, FloatArray
+from uasthn_cli.uncertainty import methods
 from uasthn_cli.uncertainty.decide import scalar_uncertainty
-from uasthn_cli.uncertainty.merge import (
-    Merge,
-    crop_corners,
-    crop_std,
-    ensemble_corners,
-    ensemble_std,
-    merged_std,
-)
-
-
-class UeMethod(StrEnum):
-    """Methods of uncertainty estimation, as the paper's Table I has them."""
-
-    NONE = "none"
-    DM = "dm"
-    DE = "de"
-    CROPTTA = "croptta"
-    CROPTTA_DE = "croptta+de"
-
-
-_DEFAULT_AGGREGATION: Final = {
-    UeMethod.DE: Aggregation.MEAN,
-    UeMethod.CROPTTA_DE: Aggregation.MEAN,
-}
-"""The paper's choice (sec. IV-A): DE prefers the mean, CropTTA the original image's answer."""
+from uasthn_cli.uncertainty.methods import Offer, UncertaintyChoice
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +50,13 @@ class Judged:
 
 def refusal(predictions: Predictions, method: UeMethod) -> str | None:
     """Return why a method cannot be had from these predictions, or None."""
-    if method in (UeMethod.CROPTTA, UeMethod.CROPTTA_DE) and predictions.views < 2:
-        return f"{method} needs crops, say --views 5: one view cannot disagree with itself"
-    if method in (UeMethod.DE, UeMethod.CROPTTA_DE) and predictions.members < 2:
-        return f"{method} needs an ensemble: give --weights several times, or --ensemble"
-    if method is UeMethod.DM and not np.isfinite(predictions.modelled_std_px).any():
-        name = predictions.settings.estimator
-        return f"{method} needs a network with a second head; {name} has none"
-    return None
+    offer = Offer(
+        estimator=predictions.settings.estimator,
+        views=predictions.views,
+        members=predictions.members,
+        has_head=bool(np.isfinite(predictions.modelled_std_px).any()),
+    )
+    return methods.refusal(method, offer)
 
 
 def judge(predictions: Predictions, method: UeMethod, config: JudgingConfig) -> Judged:
@@ -92,8 +68,11 @@ def judge(predictions: Predictions, method: UeMethod, config: JudgingConfig) -> 
     why = refusal(predictions, method)
     if why is not None:
         raise PredictionsError(why)
-    corners_px = _corners_px(predictions, method, config.aggregation)
-    std_m = _std_px(predictions, method, config.merge) * predictions.gsd_m[:, None, None]
+    aggregation = config.aggregation or methods.paper_aggregation(method)
+    choice = UncertaintyChoice(method, config.merge, aggregation)
+    corners_px = methods.frame_corners(predictions.answers_px, choice)
+    std_px = methods.frame_std(predictions.answers_px, predictions.modelled_std_px, choice)
+    std_m = std_px * predictions.gsd_m[:, None, None]
     answered = np.asarray(np.isfinite(corners_px).all(axis=(1, 2)))
     corners_px = np.where(answered[:, None, None], corners_px, predictions.prior_px)
     rule = config.decision.rule
@@ -137,33 +116,6 @@ def image_centres_px(corners_px: FloatArray) -> FloatArray:
     share = (gap[..., 0] * up[..., 1] - gap[..., 1] * up[..., 0]) / np.where(parallel, 1.0, across)
     meeting = top_left + share[..., None] * down
     return np.asarray(np.where(parallel[..., None], corners_px.mean(axis=-2), meeting))
-
-
-def _corners_px(
-    predictions: Predictions, method: UeMethod, aggregation: Aggregation | None
-) -> FloatArray:
-    """Return the answer of each sample ``(n, 4, 2)``."""
-    if aggregation is None:
-        aggregation = _DEFAULT_AGGREGATION.get(method, Aggregation.ORIGINAL)
-    if method in (UeMethod.DE, UeMethod.CROPTTA_DE):
-        return ensemble_corners(predictions.answers_px, aggregation)
-    if method is UeMethod.CROPTTA:
-        return crop_corners(predictions.answers_px, aggregation)
-    return predictions.answers_px[:, 0, 0]
-
-
-def _std_px(predictions: Predictions, method: UeMethod, merge: Merge) -> FloatArray:
-    """Return the deviation of each sample's corners ``(n, 4, 2)``; 0 without any method."""
-    if method is UeMethod.CROPTTA:
-        return crop_std(predictions.answers_px)
-    if method is UeMethod.DE:
-        return ensemble_std(predictions.answers_px)
-    if method is UeMethod.CROPTTA_DE:
-        crops, ensemble = crop_std(predictions.answers_px), ensemble_std(predictions.answers_px)
-        return merged_std(crops, ensemble, merge)
-    if method is UeMethod.DM:
-        return predictions.modelled_std_px
-    return np.zeros((len(predictions), 4, 2))
 
 
 def _max_std_m(predictions: Predictions, decision: DecisionConfig) -> FloatArray:

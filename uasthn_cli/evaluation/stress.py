@@ -9,10 +9,11 @@ from typing import Final
 
 import numpy as np
 
+from uasthn_cli.config import UeMethod
 from uasthn_cli.datasets.flights import FlightDataset
 from uasthn_cli.datasets.spec import DatasetSpec
 from uasthn_cli.errors import DatasetError
-from uasthn_cli.evaluation.judging import JudgingConfig, UeMethod, judge
+from uasthn_cli.evaluation.judging import JudgingConfig, judge
 from uasthn_cli.evaluation.predictions import Settings, gathered
 from uasthn_cli.evaluation.protocol import ProtocolConfig, predict
 from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M

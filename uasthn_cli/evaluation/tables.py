@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
-from uasthn_cli.evaluation.judging import JudgingConfig, UeMethod, judge, refusal
+from uasthn_cli.config import UeMethod
+from uasthn_cli.evaluation.judging import JudgingConfig, judge, refusal
 from uasthn_cli.evaluation.metrics import Scores, score
 from uasthn_cli.evaluation.predictions import Predictions, Settings
 from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M

@@ -1,5 +1,6 @@
 """Estimators by name."""
 
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -14,6 +15,9 @@ DISPLACEMENT_ESTIMATORS = ("dhn", "ihn", "sthn")
 ESTIMATORS = ("xcorr", "ncc", *DISPLACEMENT_ESTIMATORS)
 """Besides these, ``vismatch:NAME`` for the matchers of an optional package."""
 
+AVERAGING_ESTIMATORS = ("xcorr",)
+"""An ensemble of theirs is one estimator: its networks' scores are averaged into one answer."""
+
 SECOND_SCALES = {"xcorr": 0.5}
 """Estimators that look at a second GSD as well: this times the first.
 
@@ -26,6 +30,7 @@ def open_estimator(
     name: str,
     *,
     weights_path: Path | None = None,
+    further_weights: Sequence[Path] = (),
     device: str = "auto",
     symmetries: int = DEFAULT_SYMMETRIES,
     ensemble: bool = False,
@@ -34,8 +39,10 @@ def open_estimator(
 ) -> Estimator:
     """Return an estimator ready for use; ``device`` is ``auto``, ``cpu`` or ``cuda``.
 
-    Without ``appearance``, ``xcorr`` counts nothing but learned features. ``ihn`` and ``sthn`` drop
-    all views but the whole frame after ``ue_iterations`` steps (paper: early stopping).
+    ``xcorr`` averages the scores of the networks in ``further_weights`` with the first one's, or
+    with ``ensemble`` those of all in the box; without ``appearance`` it counts nothing but learned
+    features. ``ihn`` and ``sthn`` drop all views but the whole frame after ``ue_iterations`` steps
+    (paper: early stopping).
 
     Raises:
         WeightsError: the weights cannot be used, are missing, or the estimator takes none; an
@@ -45,6 +52,8 @@ def open_estimator(
     """
     if ensemble and name != "xcorr":
         raise WeightsError(f"--estimator {name} has no ensemble; leave out --ensemble")
+    if further_weights and name not in AVERAGING_ESTIMATORS:
+        raise WeightsError(f"--estimator {name} is one network: open one for each file of weights")
     if ue_iterations is not None and name not in DISPLACEMENT_ESTIMATORS:
         raise WeightsError(f"--estimator {name} takes no steps that could be stopped early")
     if name == "ncc":
@@ -56,7 +65,11 @@ def open_estimator(
     if name == "xcorr":
         xcorr = import_module("uasthn_cli.matching.xcorr")
         estimator = xcorr.open_xcorr(
-            weights_path, device, symmetries, ensemble=ensemble, appearance=appearance
+            [path for path in (weights_path, *further_weights) if path is not None],
+            device,
+            symmetries,
+            ensemble=ensemble,
+            appearance=appearance,
         )
         return estimator
     if name in DISPLACEMENT_ESTIMATORS:

@@ -156,23 +156,24 @@ class XcorrEstimator:
 
 
 def open_xcorr(
-    weights_path: Path | None,
+    weights: Sequence[Path],
     device: str,
     symmetries: int,
     *,
     ensemble: bool = False,
     appearance: bool = True,
 ) -> XcorrEstimator:
-    """Return the estimator with the weights in the box or a user's own, on ``auto|cpu|cuda``.
+    """Return the estimator with a user's own weights, or those in the box, on ``auto|cpu|cuda``.
 
-    ``ensemble`` averages all members in the box; ``appearance`` as in :class:`XcorrEstimator`.
+    The scores of several are averaged; ``ensemble`` averages all members in the box; ``appearance``
+    as in :class:`XcorrEstimator`.
 
     Raises:
         WeightsError: the weights cannot be used, or an ensemble of a user's own was asked for.
     """
-    if ensemble and weights_path is not None:
+    if ensemble and weights:
         raise WeightsError("--ensemble is of the weights in the box; leave out --weights")
-    paths = BUNDLED_ENSEMBLE if ensemble else (weights_path or BUNDLED_XCORR,)
+    paths = BUNDLED_ENSEMBLE if ensemble else (weights or (BUNDLED_XCORR,))
     models = [load_xcorr(path).model for path in paths]
     return XcorrEstimator(
         models, device=choose_device(device), symmetries=symmetries, appearance=appearance

@@ -1,8 +1,10 @@
 """One frame alone: search, consensus of its views, and what that is worth."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from uasthn_cli.config import GeotagConfig
+from uasthn_cli.config import CropTtaConfig, GeotagConfig
 from uasthn_cli.fusion.offsets import OffsetGrid, grid_of_radius
 from uasthn_cli.geometry.corners import (
     DegenerateHomographyError,
@@ -26,8 +28,9 @@ from uasthn_cli.types import (
     Spread,
     Trust,
 )
-from uasthn_cli.uncertainty.consensus import spread_of_views
+from uasthn_cli.uncertainty.consensus import spread_of_frame
 from uasthn_cli.uncertainty.decide import impossible_corners, scalar_uncertainty
+from uasthn_cli.uncertainty.methods import OF_CROPS, UncertaintyChoice
 
 _MIN_VALID_FRACTION = 0.5
 
@@ -35,9 +38,18 @@ _MIN_VALID_FRACTION = 0.5
 class FrameStage:
     """Locates frames one by one."""
 
-    def __init__(self, looker: Looker, judge: Judge, config: GeotagConfig) -> None:
-        """Keep how frames are looked at and judged."""
+    def __init__(
+        self, looker: Looker, judge: Judge, config: GeotagConfig, uncertainty: UncertaintyChoice
+    ) -> None:
+        """Keep how frames are looked at and judged, and how far their answers are known."""
         self._looker, self._judge, self._config = looker, judge, config
+        self._uncertainty = uncertainty
+
+    @property
+    def crops(self) -> CropTtaConfig:
+        """The views of each frame: the whole frame alone where nobody compares them."""
+        is_compared = self._uncertainty.method in OF_CROPS
+        return self._config.crops if is_compared else replace(self._config.crops, views=1)
 
     @property
     def offset_grid(self) -> OffsetGrid:
@@ -47,9 +59,13 @@ class FrameStage:
     def locate(self, prior: Prior) -> Located:
         """Return where a frame was taken, or why that cannot be said."""
         try:
-            look = self._looker.look(prior, self._config.crops, self._config.search_radius_m)
-            spread = spread_of_views(
-                look.views_px, look.estimate.corners_px, self._config.aggregation
+            look = self._looker.look(prior, self.crops, self._config.search_radius_m)
+            spread = spread_of_frame(
+                look.views_px,
+                look.estimate.corners_px,
+                self._uncertainty,
+                members=look.members_px,
+                modelled_std=look.estimate.modelled_std_px,
             )
             H_ortho_window = homography_from_corners(look.views_px[0], spread.corners_px)
         except LookError as error:

@@ -1,6 +1,7 @@
 """Look at one frame: decode, rectify, read the map around it, ask the estimator."""
 
 import logging
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -75,11 +76,15 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What an estimator saw: ``views_px`` ``(N, 4, 2)`` of the ortho and where it found them."""
+    """What an estimator saw: ``views_px`` ``(N, 4, 2)`` of the ortho and where it found them.
+
+    ``members_px`` ``(M - 1, 4, 2)`` is where further networks found the first view.
+    """
 
     scene: Scene
     views_px: FloatArray
     estimate: Estimate
+    members_px: FloatArray
 
 
 class Looker:
@@ -96,6 +101,7 @@ class Looker:
     ) -> None:
         """Keep what all frames share."""
         self._second: Looker | None = None
+        self._members: tuple[Looker, ...] = ()
         self.grid, self.estimator, self.local = grid, estimator, local
         self._camera, self._tiles, self._timer = camera, tiles, timer
 
@@ -108,6 +114,20 @@ class Looker:
         both = copy(self)
         both._second = second
         return both
+
+    def with_members(self, members: "Sequence[Looker]") -> "Looker":
+        """Return the same looker, with further networks that look at the whole frame for it.
+
+        They see the map at the same GSD.
+        """
+        together = copy(self)
+        together._members = tuple(members)
+        return together
+
+    @property
+    def members(self) -> int:
+        """Number of networks that answer, the base network among them."""
+        return 1 + len(self._members)
 
     @property
     def pitch_m(self) -> float:
@@ -147,9 +167,19 @@ class Looker:
                 estimate = self.estimator.estimate(
                     scene.features, thermal, views, scene.origin_px, evidence
                 )
+            members_px = [member._answer_px(scene, views[:1]) for member in self._members]
         except DegenerateHomographyError as error:
             raise LookError(Reason.DEGENERATE_HOMOGRAPHY, error) from error
-        return Look(scene, views, estimate)
+        return Look(scene, views, estimate, np.array(members_px).reshape(-1, 4, 2))
+
+    def _answer_px(self, scene: Scene, views_px: FloatArray) -> FloatArray:
+        """Return where this looker's network finds views ``(N, 4, 2)`` of another's scene."""
+        with self._timer.stage("map"):
+            features = self._tiles.read(scene.features.box)
+        with self._timer.stage("search"):
+            return self.estimator.estimate(
+                features, scene.thermal, views_px, scene.origin_px
+            ).corners_px
 
     def evidence(
         self, prior: Prior, image: ImageArray, radius_m: float, scene: Scene

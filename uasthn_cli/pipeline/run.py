@@ -3,59 +3,43 @@
 import logging
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from uasthn_cli.config import (
-    MAX_MAP_ENLARGEMENT,
-    NEAR_WIDTH_PX,
-    THERMAL_WIDTH_PX,
-    GeotagConfig,
-    PriorConfig,
-)
+from uasthn_cli.config import MAX_MAP_ENLARGEMENT, NEAR_WIDTH_PX, THERMAL_WIDTH_PX, UeMethod
 from uasthn_cli.errors import NoPositionError
 from uasthn_cli.geometry.geodesy import LocalFrame
-from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.ingest.frames import UnreadableFrameError, frame_size_px, list_frames
 from uasthn_cli.ingest.mavlink import read_telemetry
 from uasthn_cli.ingest.priors import PriorSet, build_priors
 from uasthn_cli.ingest.telemetry import Telemetry
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
 from uasthn_cli.mapping.tiles import FeatureTiles
-from uasthn_cli.matching.registry import SECOND_SCALES, open_estimator
+from uasthn_cli.matching.registry import SECOND_SCALES
+from uasthn_cli.pipeline.estimators import (
+    open_base,
+    open_members,
+    says_deviations,
+    settled_uncertainty,
+)
 from uasthn_cli.pipeline.flight_stage import FlightStage, RebuildPriors, Survey
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
+from uasthn_cli.pipeline.job import GeotagJob, chosen_uncertainty
 from uasthn_cli.pipeline.judge import Judge
 from uasthn_cli.pipeline.look import Looker
 from uasthn_cli.pipeline.timing import StageTimer
 from uasthn_cli.seam import Estimator
 from uasthn_cli.types import CameraModel, FrameFile, FrameResult, Located, NearLook, Prior
-from uasthn_cli.uncertainty.calibration import Calibration
+from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
 _FINER = 0.8
 """A grid for the second look must be this much finer than the search's to be worth having."""
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class GeotagJob:
-    """The inputs of one run."""
-
-    log_path: Path
-    frames_path: Path
-    map_path: Path
-    camera: CameraSpec
-    prior: PriorConfig = field(default_factory=PriorConfig)
-    frame_times_csv: Path | None = None
-    config: GeotagConfig = field(default_factory=GeotagConfig)
-    weights_path: Path | None = None
-    calibration: Calibration | None = None
 
 
 class Run:
@@ -71,6 +55,7 @@ class Run:
         priors: PriorSet,
         rebuild: RebuildPriors,
         lookers: tuple[Looker, Looker],
+        uncertainty: UncertaintyChoice,
         map_crs: str,
         map_pixel_m: float,
         timer: StageTimer,
@@ -81,7 +66,8 @@ class Run:
         self._wide, self._near = lookers
         self._judge = Judge(job.config, job.calibration, map_pixel_m)
         self._map_pixel_m = map_pixel_m
-        self._stage = FrameStage(self._wide, self._judge, job.config)
+        self._uncertainty = uncertainty
+        self._stage = FrameStage(self._wide, self._judge, job.config, uncertainty)
         self._flight = FlightStage(self._wide, self._near, self._stage.offset_grid, rebuild)
 
     @property
@@ -149,10 +135,22 @@ class Run:
             "frame_times": self.priors.frame_times.why,
             "height_source": self.priors.height_source,
             "estimator": self._wide.estimator.name,
+            "uncertainty": self._described_uncertainty(),
             "map_pixel_m": round(self._map_pixel_m, 6),
             "map_gsd_m": round(self._wide.grid.gsd_m, 6),
             "near_map_gsd_m": round(self._near.grid.gsd_m, 6),
             "local_origin": {"lat": self._wide.local.lat_deg, "lon": self._wide.local.lon_deg},
+        }
+
+    def _described_uncertainty(self) -> dict[str, Any]:
+        """Return by which method uncertainties were told, and from how many answers."""
+        chosen = self._uncertainty
+        return {
+            "method": chosen.method,
+            "aggregation": chosen.aggregation,
+            "merge": chosen.merge if chosen.method is UeMethod.CROPTTA_DE else None,
+            "views": self._stage.crops.views,
+            "members": self._wide.members,
         }
 
 
@@ -162,7 +160,10 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
 
     Raises:
         UasthnError: an input cannot be used; each class has its exit code.
+        ValueError: what the job asks for contradicts itself.
     """
+    has_head = None if estimator is None else says_deviations(estimator)
+    chosen_uncertainty(job, has_head=has_head)
     timer = StageTimer()
     frames = list_frames(job.frames_path)
     with timer.stage("log"):
@@ -188,32 +189,20 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         scale = None if estimator else SECOND_SCALES.get(job.config.estimator)
         if scale is not None:
             second_map = stack.enter_context(MapReader(job.map_path, local, scale * wide_m))
-            again = _open_estimator(job, symmetries=1, appearance=False)
+            again = open_base(job, symmetries=1, appearance=False)
             second = _looker(job, second_map, again, local, timer)
-        near = _looker(job, wide_map, estimator or _open_estimator(job), local, timer)
-        wide = near.beside(second)
+        base = estimator or open_base(job)
+        uncertainty = settled_uncertainty(job, base)
+        near = _looker(job, wide_map, base, local, timer)
+        members = [_looker(job, wide_map, one, local, timer) for one in open_members(job)]
+        wide = near.beside(second).with_members(members)
         if job.config.fuse and near_m < _FINER * wide_m:
             near_map = stack.enter_context(MapReader(job.map_path, local, near_m))
-            again = estimator or _open_estimator(job, symmetries=1)
+            again = estimator or open_base(job, symmetries=1)
             near = _looker(job, near_map, again, local, timer)
         rebuild = partial(_rebuilt_priors, telemetry, frames, job, priors)
         crs = wide_map.place.crs_wkt
-        yield Run(job, priors, rebuild, (wide, near), crs, native_m, timer)
-
-
-def _open_estimator(
-    job: GeotagJob, symmetries: int | None = None, *, appearance: bool = True
-) -> Estimator:
-    """Load the estimator; near a known place, and on a second scale, one orientation is enough."""
-    return open_estimator(
-        job.config.estimator,
-        weights_path=job.weights_path,
-        device=job.config.device,
-        symmetries=symmetries or job.config.symmetries,
-        ensemble=job.config.ensemble,
-        ue_iterations=job.config.ue_iterations,
-        appearance=appearance,
-    )
+        yield Run(job, priors, rebuild, (wide, near), uncertainty, crs, native_m, timer)
 
 
 def _looker(

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from uasthn_cli.config import Aggregation
 from uasthn_cli.geometry.corners import homography_from_corners, transform_points
 from uasthn_cli.types import FloatArray, Spread
+from uasthn_cli.uncertainty.methods import UncertaintyChoice, frame_corners, frame_std
 
 
 def recover_corners(views: FloatArray, found: FloatArray) -> FloatArray:
@@ -21,16 +21,31 @@ def recover_corners(views: FloatArray, found: FloatArray) -> FloatArray:
     return transform_points(H_views, np.broadcast_to(views[0], views.shape))
 
 
-def spread_of_views(views: FloatArray, found: FloatArray, aggregation: Aggregation) -> Spread:
-    """Return the consensus of N views: aggregated corners and standard deviations (paper, eq. 6).
+def spread_of_frame(
+    views: FloatArray,
+    found: FloatArray,
+    choice: UncertaintyChoice,
+    *,
+    members: FloatArray | None = None,
+    modelled_std: FloatArray | None = None,
+) -> Spread:
+    """Return the consensus of one frame: aggregated corners and standard deviations (paper, eq. 6).
 
-    The deviation is the unbiased one (N - 1), as in the authors' evaluation.
+    ``views`` and ``found`` as in :func:`recover_corners`; ``members`` ``(M - 1, 4, 2)`` are the
+    full frame's corners as further networks found them, ``modelled_std`` ``(4, 2)`` what the base
+    network says of its own. The deviation is the unbiased one (N - 1), as in the authors'
+    evaluation.
 
     Raises:
         DegenerateHomographyError: a view's corners do not define a homography.
+        ValueError: Direct Modeling of a network that says nothing.
     """
     recovered = recover_corners(views, found)
-    std = recovered.std(axis=0, ddof=1) if len(recovered) > 1 else np.zeros((4, 2))
-    if aggregation is Aggregation.MEAN:
-        return Spread(recovered, recovered.mean(axis=0), std)
-    return Spread(recovered, recovered[0], std)
+    further = np.empty((0, 4, 2)) if members is None else members
+    answers = np.full((1 + len(further), len(recovered), 4, 2), np.nan)
+    answers[0], answers[1:, 0] = recovered, further
+    return Spread(
+        recovered_px=recovered,
+        corners_px=frame_corners(answers, choice),
+        std_px=frame_std(answers, modelled_std, choice),
+    )

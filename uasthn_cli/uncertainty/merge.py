@@ -5,26 +5,16 @@ members saw them through each of V views; view 0 is the full frame, member 0 the
 was not asked (only the base network sees the crops) is NaN.
 """
 
-from enum import StrEnum
-
 import numpy as np
 
-from uasthn_cli.config import Aggregation
+from uasthn_cli.config import Aggregation, Merge
 from uasthn_cli.types import FloatArray
-
-
-class Merge(StrEnum):
-    """How two uncertainties of one corner become one (paper, eq. 12): the larger by default."""
-
-    MAX = "max"
-    MIN = "min"
-    ADD = "add"
 
 
 def crop_std(answers: FloatArray) -> FloatArray:
     """Return the deviation ``(..., 4, 2)`` of the base network's views: data uncertainty (eq. 6).
 
-    Unbiased, as in :func:`uasthn_cli.uncertainty.consensus.spread_of_views`; 0 of a single view.
+    Unbiased, as in :func:`uasthn_cli.uncertainty.consensus.spread_of_frame`; 0 of a single view.
     """
     return _std(answers[..., 0, :, :, :])
 

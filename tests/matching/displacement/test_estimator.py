@@ -6,6 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from matching_scene import centred_origin, encoded, full_view, map_window, thermal_cut
 from small_displacement_models import FIRST, SETTINGS, small_model, small_weights
 from small_flight import ground_texture
@@ -14,11 +17,13 @@ from uasthn_cli.errors import WeightsError
 from uasthn_cli.geometry.corners import (
     DegenerateHomographyError,
     homography_from_corners,
+    image_corners_px,
     transform_points,
 )
 from uasthn_cli.matching.displacement.estimator import (
     DisplacementEstimator,
     Square,
+    _carried_std_px,
     open_displacement,
 )
 from uasthn_cli.matching.displacement.ihn import IterativeHomographyNetwork
@@ -147,7 +152,13 @@ def test_squares_reach_beyond_their_image() -> None:
     assert (away.cut(image) == 0.0).all()
 
 
-@pytest.mark.parametrize("views", [full_view(thermal_cut(GREY, CORNER_PX, SIZE_PX)), with_crops()])
+def square_and_crops() -> FloatArray:
+    """Return views whose first is the square that the network sees."""
+    full = full_view(thermal_cut(GREY, CORNER_PX, (81, 81)))
+    return np.concatenate([full, 0.9 * full])
+
+
+@pytest.mark.parametrize("views", [square_and_crops()[:1], square_and_crops()])
 def test_a_second_head_states_deviations_in_window_pixels(views: FloatArray) -> None:
     network = IterativeHomographyNetwork(replace(FIRST, has_uncertainty_head=True)).eval()
     estimator = DisplacementEstimator(DisplacementModel(network, None, SETTINGS))
@@ -158,4 +169,34 @@ def test_a_second_head_states_deviations_in_window_pixels(views: FloatArray) -> 
     stated = estimate(estimator, views).modelled_std_px
     assert stated is not None
     assert stated == pytest.approx(np.full((4, 2), np.e / PER_PIXEL), rel=0.01)
-    assert estimate(DisplacementEstimator(small_model("ihn")), views).modelled_std_px is None
+    assert estimator.models_std
+    silent = DisplacementEstimator(small_model("ihn"))
+    assert estimate(silent, views).modelled_std_px is None
+    assert not silent.models_std
+
+
+SQUARE_PX = image_corners_px(101, 101)
+DEVIATIONS = arrays(np.float64, (4, 2), elements=st.floats(0.0, 5.0))
+
+
+@given(DEVIATIONS, arrays(np.float64, (4, 2), elements=st.floats(-20.0, 20.0)))
+def test_deviations_of_the_square_are_those_of_a_frame_that_fills_it(
+    std_px: FloatArray, distortion_px: FloatArray
+) -> None:
+    carried = _carried_std_px(SQUARE_PX, SQUARE_PX + distortion_px, std_px, SQUARE_PX)
+    assert carried == pytest.approx(std_px, abs=1e-6)
+    half_turn = [3, 2, 1, 0]
+    turned = _carried_std_px(SQUARE_PX, SQUARE_PX + distortion_px, std_px, SQUARE_PX[half_turn])
+    assert turned == pytest.approx(std_px[half_turn], abs=1e-6)
+
+
+def test_deviations_of_a_turned_frame_are_those_that_moved_corners_give_it() -> None:
+    rng = np.random.default_rng(0)
+    std_px = rng.uniform(0.05, 0.4, (4, 2))
+    corners_px = SQUARE_PX + rng.uniform(-8.0, 8.0, (4, 2)) + 30.0
+    diamond_px = np.array([[50.0, 0.0], [100.0, 50.0], [0.0, 50.0], [50.0, 100.0]])
+    moved_px = corners_px + std_px * rng.normal(size=(20_000, 4, 2))
+    H = homography_from_corners(np.broadcast_to(SQUARE_PX, moved_px.shape), moved_px)
+    placed_px = transform_points(H, np.broadcast_to(diamond_px, moved_px.shape))
+    carried = _carried_std_px(SQUARE_PX, corners_px, std_px, diamond_px)
+    assert carried == pytest.approx(placed_px.std(axis=0), rel=0.03)

@@ -28,6 +28,8 @@ from uasthn_cli.matching.displacement.sthn import look_again
 from uasthn_cli.seam import Estimate
 from uasthn_cli.types import FloatArray, ImageArray, MapFeatures, MapWindow, Ortho
 
+_DERIVATIVE_STEP_PX = 1e-3
+
 
 @dataclass(frozen=True, slots=True)
 class Square:
@@ -76,6 +78,7 @@ class DisplacementEstimator:
     ) -> None:
         """Use a model on a device; with ``stop`` crops are dropped before the last steps."""
         self.name, self._settings, self._stop = model.name, model.settings, stop
+        self.models_std = bool(getattr(model.network.architecture, "has_uncertainty_head", False))
         self._device = torch.device(device)
         self._network = model.network.eval().to(self._device)
         self._second = None if model.second is None else model.second.eval().to(self._device)
@@ -125,7 +128,8 @@ class DisplacementEstimator:
         if modelled_std is None:
             return Estimate(placed, 1.0)
         std_px = modelled_std.double().cpu().numpy() * (window.width_px / RESIZED_WIDTH_PX)
-        return Estimate(placed, 1.0, modelled_std_px=std_px)
+        carried_px = _carried_std_px(ortho.corners_px, corners[0], std_px, views_px[0])
+        return Estimate(placed, 1.0, modelled_std_px=carried_px)
 
     def _tensor(self, image: ImageArray) -> Tensor:
         """Return ``(1, C, h, w)`` on the device."""
@@ -239,3 +243,24 @@ def _placed(
             if index == 0:
                 raise
     return placed
+
+
+def _carried_std_px(
+    square_px: FloatArray, corners_px: FloatArray, std_px: FloatArray, view_px: FloatArray
+) -> FloatArray:
+    """Return the deviations ``(4, 2)`` of a view's corners inside a square whose corners deviate.
+
+    The network speaks of the square's corners, which are not those of a frame that is turned or not
+    square. To first order, and as if the eight numbers ``std_px`` ``(4, 2)`` were independent: each
+    moves the homography from ``square_px`` to ``corners_px``, and that moves the view.
+
+    Raises:
+        DegenerateHomographyError: the corners do not define a homography.
+    """
+    steps = np.concatenate([np.zeros((1, 8)), _DERIVATIVE_STEP_PX * np.eye(8)])
+    moved_px = corners_px + steps.reshape(-1, 4, 2)
+    H = homography_from_corners(np.broadcast_to(square_px, moved_px.shape), moved_px)
+    placed_px = transform_points(H, np.broadcast_to(view_px, moved_px.shape))
+    slopes = (placed_px[1:] - placed_px[0]) / _DERIVATIVE_STEP_PX
+    carried: FloatArray = np.sqrt(((slopes * std_px.reshape(8, 1, 1)) ** 2).sum(axis=0))
+    return carried

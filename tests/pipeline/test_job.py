@@ -1,0 +1,110 @@
+"""Which method tells the uncertainty of a run's answers, and what contradicts itself."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from uasthn_cli.config import (
+    Aggregation,
+    CropTtaConfig,
+    DecisionConfig,
+    GeotagConfig,
+    Merge,
+    UeMethod,
+)
+from uasthn_cli.ingest.cameras import CameraSpec
+from uasthn_cli.pipeline import GeotagJob, open_run
+from uasthn_cli.pipeline.job import chosen_uncertainty
+from uasthn_cli.uncertainty.calibration import load_bundled_calibration
+from uasthn_cli.uncertainty.methods import UncertaintyChoice
+
+WHOLE = CropTtaConfig(views=1)
+MEAN = Aggregation.MEAN
+
+
+def job(members: int = 1, **settings: Any) -> GeotagJob:
+    """Return a job of ``ihn``, or as ``settings`` of :class:`GeotagConfig` have it."""
+    chosen: dict[str, Any] = {"estimator": "ihn"} | settings
+    return GeotagJob(
+        log_path=Path("none.tlog"),
+        frames_path=Path("none"),
+        map_path=Path("none.tif"),
+        camera=CameraSpec(hfov_deg=45.0),
+        config=GeotagConfig(**chosen),
+        weights=tuple(Path(f"{k}.safetensors") for k in range(members)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("asked", "has_head", "expected"),
+    [
+        (job(3), True, UncertaintyChoice(UeMethod.CROPTTA_DE, Merge.MAX, MEAN)),
+        (job(3, merge=Merge.ADD), False, UncertaintyChoice(UeMethod.CROPTTA_DE, Merge.ADD, MEAN)),
+        (job(3, crops=WHOLE), True, UncertaintyChoice(UeMethod.DE, Merge.MAX, MEAN)),
+        (job(1), True, UncertaintyChoice(UeMethod.CROPTTA)),
+        (job(1, aggregation=MEAN), False, UncertaintyChoice(aggregation=MEAN)),
+        (job(1, crops=WHOLE), True, UncertaintyChoice(UeMethod.DM)),
+        (job(1, crops=WHOLE), False, UncertaintyChoice(UeMethod.NONE)),
+        (job(1, ue=UeMethod.DM), True, UncertaintyChoice(UeMethod.DM)),
+        (job(1, estimator="xcorr"), False, UncertaintyChoice(UeMethod.CROPTTA)),
+        (job(3, estimator="xcorr"), False, UncertaintyChoice(UeMethod.CROPTTA)),
+        (job(3, ue_iterations=2), False, UncertaintyChoice(UeMethod.CROPTTA_DE, Merge.MAX, MEAN)),
+    ],
+)
+def test_a_run_uses_all_that_it_has(
+    asked: GeotagJob, has_head: bool, expected: UncertaintyChoice
+) -> None:
+    assert chosen_uncertainty(asked, has_head=has_head) == expected
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        (job(1, ue=UeMethod.DE), "de needs an ensemble"),
+        (job(3, ue=UeMethod.CROPTTA_DE, crops=WHOLE), "needs crops"),
+        (job(1, ue=UeMethod.DM), "needs a network with a second head; ihn has none"),
+        (job(1, estimator="xcorr", ue=UeMethod.DE), "xcorr averages the scores"),
+        (job(3, estimator="xcorr", ue=UeMethod.CROPTTA_DE), "xcorr averages the scores"),
+        (job(3, ue=UeMethod.CROPTTA), "--ue croptta asks one network alone"),
+        (job(2, ue=UeMethod.DM), "--ue dm asks one network alone"),
+        (job(1, merge=Merge.MAX), "croptta has nothing to merge"),
+        (job(3, crops=WHOLE, merge=Merge.MIN), "de has nothing to merge"),
+        (job(1, crops=WHOLE, aggregation=MEAN), "--aggregation mean needs several answers"),
+        (job(1, ue_iterations=2, aggregation=MEAN), "leave out --aggregation mean"),
+        (job(1, ue_iterations=2, crops=WHOLE), "stops crops early, and --ue none looks at none"),
+        (job(3, ue_iterations=2, ue=UeMethod.DE), "stops crops early, and --ue de looks at none"),
+        (
+            job(1, ue=UeMethod.NONE, decision=DecisionConfig(max_std_m=5.0)),
+            "--max-std limits deviations, and --ue none has none",
+        ),
+    ],
+)
+def test_contradictions_are_refused_before_anything_is_opened(asked: GeotagJob, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        chosen_uncertainty(asked, has_head=False)
+    if asked.config.ue is not UeMethod.DM and "ue none looks" not in why:
+        with pytest.raises(ValueError, match=why), open_run(asked):
+            pass
+
+
+def test_a_network_is_no_ensemble_with_itself() -> None:
+    same = replace(job(), weights=(Path("a.safetensors"), Path("./a.safetensors")))
+    with pytest.raises(ValueError, match=r"a\.safetensors is given twice"):
+        chosen_uncertainty(same)
+
+
+def test_weights_not_yet_seen_may_have_a_second_head() -> None:
+    assert chosen_uncertainty(job(ue=UeMethod.DM)).method is UeMethod.DM
+    with pytest.raises(ValueError, match="xcorr has none"):
+        chosen_uncertainty(job(estimator="xcorr", ue=UeMethod.DM))
+
+
+def test_a_calibration_that_judges_by_the_spread_wants_one() -> None:
+    calibrated = replace(
+        job(estimator="xcorr", ue=UeMethod.NONE), calibration=load_bundled_calibration()
+    )
+    with pytest.raises(ValueError, match="add --calibration none"):
+        chosen_uncertainty(calibrated)
+    assert chosen_uncertainty(replace(calibrated, calibration=None)).method is UeMethod.NONE
