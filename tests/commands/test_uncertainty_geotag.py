@@ -168,7 +168,7 @@ def test_xcorr_averages_the_networks_given(flight: Flight, tmp_path: Path) -> No
         files.append(tmp_path / f"xcorr-{seed}.safetensors")
         model = XcorrModel(XcorrArchitecture(4, (4, 4, 4, 4)))
         files[-1].write_bytes(serialise_xcorr(model, {}))
-    found = []
+    found: list[list[str]] = []
     for weights in ([files[0]], files, files[::-1]):
         out = tmp_path / f"out{len(found)}"
         result = geotag(flight, out, weights, "--estimator", "xcorr", "--no-fuse")
