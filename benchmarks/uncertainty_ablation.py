@@ -85,7 +85,7 @@ class Subject:
             arm.weights,
             device="cpu",
             symmetries=self.symmetries,
-            ensemble=self.ensemble and arm.method is not UeMethod.CROPTTA,
+            ensemble=self._asks_ensemble(arm),
             ue_iterations=arm.ue_iterations,
         )
         return predict_to_file(
@@ -96,12 +96,14 @@ class Subject:
             ProtocolConfig(arm.crops, settings.width_px),
         )
 
+    def _asks_ensemble(self, arm: Arm) -> bool:
+        return self.ensemble and arm.method is not UeMethod.CROPTTA
+
     def _settings(self, arm: Arm) -> Settings:
-        ensemble = self.ensemble and arm.method is not UeMethod.CROPTTA
         return Settings(
             dataset=self.source,
             estimator=self.estimator,
-            weights=describe_weights(arm.weights, ensemble=ensemble),
+            weights=describe_weights(arm.weights, ensemble=self._asks_ensemble(arm)),
             views=arm.crops.views,
             sampling=arm.crops.sampling.value,
             offset_fraction=arm.crops.offset_fraction,

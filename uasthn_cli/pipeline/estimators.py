@@ -10,7 +10,7 @@ from uasthn_cli.uncertainty.methods import UncertaintyChoice
 def open_base(
     job: GeotagJob, symmetries: int | None = None, *, appearance: bool = True
 ) -> Estimator:
-    """Load the estimator; near a known place, and on a second scale, one orientation is enough.
+    """Load the estimator; on a second scale one orientation is enough.
 
     Raises:
         WeightsError: the weights cannot be used.
@@ -28,6 +28,15 @@ def open_base(
         ue_iterations=config.ue_iterations,
         appearance=appearance,
     )
+
+
+def open_near(job: GeotagJob, base: Estimator) -> Estimator:
+    """Return who looks near a known place: ``xcorr`` in one orientation, others have but one.
+
+    Raises:
+        WeightsError: the weights cannot be used.
+    """
+    return open_base(job, symmetries=1) if job.config.estimator == "xcorr" else base
 
 
 def open_members(job: GeotagJob) -> list[Estimator]:

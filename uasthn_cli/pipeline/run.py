@@ -22,6 +22,7 @@ from uasthn_cli.matching.registry import SECOND_SCALES
 from uasthn_cli.pipeline.estimators import (
     open_base,
     open_members,
+    open_near,
     says_deviations,
     settled_uncertainty,
 )
@@ -198,7 +199,7 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         wide = near.beside(second).with_members(members)
         if job.config.fuse and near_m < _FINER * wide_m:
             near_map = stack.enter_context(MapReader(job.map_path, local, near_m))
-            again = estimator or open_base(job, symmetries=1)
+            again = estimator or open_near(job, base)
             near = _looker(job, near_map, again, local, timer)
         rebuild = partial(_rebuilt_priors, telemetry, frames, job, priors)
         crs = wide_map.place.crs_wkt
