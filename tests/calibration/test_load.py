@@ -8,6 +8,7 @@ from answer_tables import FIRST_FRAME_UTC_S, answer_cells, make_answers, write_r
 from uasthn_cli.calibration.answers import Answers
 from uasthn_cli.calibration.load import GpsStretch, load_answers
 from uasthn_cli.errors import CalibrationError, ResultsError
+from uasthn_cli.uncertainty.calibration import AnswerKind
 
 
 def test_a_run_of_single_frames(tmp_path: Path) -> None:
@@ -133,3 +134,24 @@ def test_a_folder_given_twice(tmp_path: Path) -> None:
     folder = write_results(tmp_path / "a", make_answers(3, 1))
     with pytest.raises(ResultsError, match="given twice"):
         load_answers([folder, folder / ".." / "a"])
+
+
+def record_of(estimator: str, method: str) -> dict[str, object]:
+    return {"notes": {"estimator": estimator, "uncertainty": {"method": method}}}
+
+
+def test_runs_say_whose_answers_they_hold(tmp_path: Path) -> None:
+    first = write_results(tmp_path / "a", make_answers(3, 1), record=record_of("ihn", "de"))
+    second = write_results(tmp_path / "b", make_answers(3, 2), record=record_of("ihn", "de"))
+    assert load_answers([first, second]).kind == AnswerKind("ihn", "de")
+    assert load_answers([write_results(tmp_path / "old", make_answers(3, 1))]).kind is None
+
+
+@pytest.mark.parametrize("other", [record_of("ihn", "croptta"), record_of("dhn", "de"), {}])
+def test_answers_of_two_kinds_are_not_calibrated_together(
+    tmp_path: Path, other: dict[str, object]
+) -> None:
+    first = write_results(tmp_path / "a", make_answers(3, 1), record=record_of("ihn", "de"))
+    second = write_results(tmp_path / "b", make_answers(3, 2), record=other)
+    with pytest.raises(CalibrationError, match=r"b: its answers are of .* one kind at a time"):
+        load_answers([first, second])

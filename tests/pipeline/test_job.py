@@ -17,7 +17,7 @@ from uasthn_cli.config import (
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.pipeline import GeotagJob, open_run
 from uasthn_cli.pipeline.job import chosen_uncertainty
-from uasthn_cli.uncertainty.calibration import load_bundled_calibration
+from uasthn_cli.uncertainty.calibration import AnswerKind, load_bundled_calibration
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
 WHOLE = CropTtaConfig(views=1)
@@ -108,3 +108,41 @@ def test_a_calibration_that_judges_by_the_spread_wants_one() -> None:
     with pytest.raises(ValueError, match="add --calibration none"):
         chosen_uncertainty(calibrated)
     assert chosen_uncertainty(replace(calibrated, calibration=None)).method is UeMethod.NONE
+
+
+@pytest.mark.parametrize(
+    ("made_of", "why"),
+    [
+        (AnswerKind("xcorr", "croptta"), None),
+        (None, None),
+        (AnswerKind("ncc", "croptta"), "made of --estimator ncc --ue croptta and promises nothing"),
+        (AnswerKind("xcorr", "none"), "promises nothing of --estimator xcorr --ue croptta"),
+    ],
+)
+def test_a_calibration_speaks_of_the_answers_it_was_made_of(
+    made_of: AnswerKind | None, why: str | None
+) -> None:
+    bundled = load_bundled_calibration()
+    assert bundled is not None
+    calibrated = replace(job(estimator="xcorr"), calibration=replace(bundled, made_of=made_of))
+    if why is None:
+        assert chosen_uncertainty(calibrated).method is UeMethod.CROPTTA
+        return
+    with pytest.raises(ValueError, match=why):
+        chosen_uncertainty(calibrated)
+
+
+def test_what_weights_may_change_is_judged_when_they_are_known() -> None:
+    bundled = load_bundled_calibration()
+    assert bundled is not None
+    made_of = AnswerKind("dhn", "none")
+    terms = tuple(term for term in bundled.single.model.terms if term.signal != "u_m")
+    single = replace(bundled.single, model=replace(bundled.single.model, terms=terms))
+    asked = job(estimator="dhn", crops=CropTtaConfig(views=1))
+    calibrated = replace(
+        asked, calibration=replace(bundled, made_of=made_of, single=single, fused=None)
+    )
+    assert chosen_uncertainty(calibrated).method is UeMethod.DM
+    assert chosen_uncertainty(calibrated, has_head=False).method is UeMethod.NONE
+    with pytest.raises(ValueError, match="promises nothing of --estimator dhn --ue dm"):
+        chosen_uncertainty(calibrated, has_head=True)

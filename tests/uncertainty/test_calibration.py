@@ -10,6 +10,7 @@ from uasthn_cli.errors import CalibrationError
 from uasthn_cli.uncertainty import calibration as calibration_module
 from uasthn_cli.uncertainty.calibration import (
     BUNDLED_CALIBRATION,
+    AnswerKind,
     Calibration,
     Judgement,
     load_bundled_calibration,
@@ -39,6 +40,14 @@ def test_through_a_file_and_back(tmp_path: Path, fused: Judgement | None) -> Non
     assert calibration.single.accepted_fraction == 0.8
 
 
+def test_a_file_that_says_whose_answers_it_speaks_of_and_one_that_does_not() -> None:
+    of_ihn = replace(CALIBRATION, made_of=AnswerKind("ihn", "de"))
+    assert Calibration.from_json(of_ihn.to_json()) == of_ihn
+    earlier = CALIBRATION.to_json()
+    del earlier["made_of"]
+    assert Calibration.from_json(earlier) == CALIBRATION
+
+
 def damaged(path: str, value: Any) -> dict[str, Any]:
     """Return the document with one value replaced, or removed where ``value`` is ``...``."""
     document = json.loads(json.dumps(CALIBRATION.to_json()))
@@ -63,6 +72,8 @@ def damaged(path: str, value: Any) -> dict[str, Any]:
         ("target_risk", 1.0, "target_risk is 1.0"),
         ("confidence_level", True, "confidence_level is True"),
         ("note", 3, "note is 3, expected text"),
+        ("made_of", "ihn", "made_of is 'ihn', expected an object"),
+        ("made_of", {"estimator": "ihn"}, "made_of: ue is missing"),
         ("single", None, "single is None, expected an object"),
         ("single/max_risk", float("nan"), "single: max_risk is nan"),
         ("single/max_risk", 1.0, "single: max_risk is 1.0"),

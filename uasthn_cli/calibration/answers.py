@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.types import BoolArray, FloatArray
+from uasthn_cli.uncertainty.calibration import AnswerKind
 from uasthn_cli.uncertainty.risk_model import SIGNALS
 
 IndexArray = NDArray[np.intp]
@@ -94,10 +95,14 @@ class Answers:
 
 @dataclass(frozen=True, slots=True)
 class RunAnswers:
-    """Single-frame and fused answers of some runs; ``fused`` is None where none was fused."""
+    """Single-frame and fused answers of some runs; ``fused`` is None where none was fused.
+
+    ``kind`` says whose answers they are; None where the runs do not.
+    """
 
     single: Answers
     fused: Answers | None
+    kind: AnswerKind | None = None
 
 
 def joined(parts: Sequence[Answers]) -> Answers:

@@ -15,6 +15,7 @@ from uasthn_cli.errors import CalibrationError, ResultsError
 from uasthn_cli.fusion.offsets import ce90_of, map_variance_m2
 from uasthn_cli.report.load import load_run
 from uasthn_cli.types import BoolArray, FloatArray, Reason
+from uasthn_cli.uncertainty.calibration import AnswerKind
 from uasthn_cli.uncertainty.risk_model import SIGNALS
 
 SINGLE_PREFIX: Final = "single_"
@@ -43,21 +44,28 @@ def load_answers(folders: Sequence[Path], gps: GpsStretch | None = None) -> RunA
 
     Raises:
         ResultsError: a folder holds no finished run, or its table a bad cell, or is given twice.
-        CalibrationError: a run has no truth, or none of its frames lies in the stretch.
+        CalibrationError: a run has no truth, none of its frames lies in the stretch, or its answers
+            are of another kind than those before it.
     """
-    singles, fused = [], []
+    singles, fused, kinds = [], [], []
     seen: set[Path] = set()
     for flight, folder in enumerate(folders):
         if folder.resolve() in seen:
             raise ResultsError(f"{folder}: given twice: its frames would count twice")
         seen.add(folder.resolve())
         table = _Table(folder, flight, gps)
+        kinds.append(table.kind)
+        if kinds[0] != table.kind:
+            raise CalibrationError(
+                f"{folder}: its answers are of {table.kind or 'no kind it states'}, those of"
+                f" {folders[0]} of {kinds[0] or 'none'}: calibrate one kind at a time"
+            )
         if any(name.startswith(SINGLE_PREFIX) for name in table.cells.columns):
             singles.append(table.answers("single", SINGLE_PREFIX))
             fused.append(table.answers("fused", ""))
         else:
             singles.append(table.answers("single", ""))
-    return RunAnswers(joined(singles), joined(fused) if fused else None)
+    return RunAnswers(joined(singles), joined(fused) if fused else None, kinds[0])
 
 
 class _Table:
@@ -95,6 +103,15 @@ class _Table:
         if kind == "fused":
             judged &= (self._text("source") != "fix").to_numpy()
         return answers.rows(judged)
+
+    @property
+    def kind(self) -> AnswerKind | None:
+        """Whose answers these are; None of runs of earlier versions."""
+        notes = self._record.get("notes")
+        told = notes.get("uncertainty") if isinstance(notes, dict) else None
+        if not isinstance(told, dict):
+            return None
+        return AnswerKind(str(notes.get("estimator")), str(told.get("method")))
 
     def _error_m(self, prefix: str) -> FloatArray:
         name = f"{prefix}ce_m" if self._gps is None else f"{prefix}offset_m"

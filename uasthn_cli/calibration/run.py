@@ -71,6 +71,7 @@ def calibrate(answers: RunAnswers, settings: CalibrationSettings, note: str) -> 
         single=single,
         fused=fused,
         note=note,
+        made_of=answers.kind,
     )
 
 

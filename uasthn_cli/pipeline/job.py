@@ -6,7 +6,7 @@ from pathlib import Path
 from uasthn_cli.config import Aggregation, GeotagConfig, Merge, PriorConfig, UeMethod
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching.registry import AVERAGING_ESTIMATORS, DISPLACEMENT_ESTIMATORS
-from uasthn_cli.uncertainty.calibration import Calibration
+from uasthn_cli.uncertainty.calibration import AnswerKind, Calibration
 from uasthn_cli.uncertainty.methods import (
     OF_CROPS,
     OF_MEMBERS,
@@ -52,6 +52,7 @@ def chosen_uncertainty(job: GeotagJob, *, has_head: bool | None = None) -> Uncer
         ValueError: what is asked for contradicts itself, in one line.
     """
     config = job.config
+    is_supposed = has_head is None and config.ue is None
     if has_head is None:
         has_head = config.estimator in DISPLACEMENT_ESTIMATORS
     members = 1 + len(job.member_weights)
@@ -61,7 +62,7 @@ def chosen_uncertainty(job: GeotagJob, *, has_head: bool | None = None) -> Uncer
         _unfit_members(job, method)
         or refusal(method, offer)
         or _unfit_settings(config, method)
-        or _unfit_calibration(job)
+        or _unfit_calibration(job, None if is_supposed and method is UeMethod.DM else method)
     )
     if why is not None:
         raise ValueError(why)
@@ -106,11 +107,21 @@ def _unfit_settings(config: GeotagConfig, method: UeMethod) -> str | None:
     return None
 
 
-def _unfit_calibration(job: GeotagJob) -> str | None:
-    """Return why a calibration cannot judge answers whose uncertainty nobody asked for, or None."""
-    if job.config.ue is not UeMethod.NONE or job.calibration is None:
+def _unfit_calibration(job: GeotagJob, method: UeMethod | None) -> str | None:
+    """Return why a calibration cannot judge answers by a method (None: not known yet), or None."""
+    if job.calibration is None or method is None:
         return None
+    kind = AnswerKind(job.config.estimator, method)
+    made_of = job.calibration.made_of
+    if made_of is not None and made_of != kind:
+        return (
+            f"the calibration was made of {made_of} and promises nothing of {kind}: ask for the"
+            " same, calibrate anew, or add --calibration none"
+        )
     judgements = [job.calibration.single, job.calibration.fused]
-    if not any(term.signal == "u_m" for one in judgements if one for term in one.model.terms):
+    uses_deviations = any(
+        term.signal == "u_m" for one in judgements if one for term in one.model.terms
+    )
+    if method is not UeMethod.NONE or not uses_deviations:
         return None
     return "--ue none leaves out u_m, by which the calibration judges: add --calibration none"

@@ -11,6 +11,7 @@ from uasthn_cli.errors import CalibrationError
 from uasthn_cli.uncertainty.risk_model import SIGNALS, RiskModel, SignalTerm, Transform
 
 FORMAT: Final = "uasthn-calibration-1"
+_MADE_OF: Final = "made_of"
 BUNDLED_CALIBRATION: Final = Path(__file__).parent.parent / "weights" / "calibration.json"
 
 
@@ -40,12 +41,25 @@ class Judgement:
 
 
 @dataclass(frozen=True, slots=True)
+class AnswerKind:
+    """Whose answers were calibrated: the estimator, and the method that told their uncertainty."""
+
+    estimator: str
+    ue: str
+
+    def __str__(self) -> str:
+        """Return the options of ``uasthn geotag`` that give such answers."""
+        return f"--estimator {self.estimator} --ue {self.ue}"
+
+
+@dataclass(frozen=True, slots=True)
 class Calibration:
     """A promise, and how single-frame and flight-fused answers are judged to keep it.
 
     With probability ``confidence_level`` over the frames it was certified on, at most a share of
     ``target_risk`` of accepted frames lies farther than ``tolerance_m`` from the truth. ``fused``
-    is None where no fused answers were seen; ``note`` says what the frames were.
+    is None where no fused answers were seen; ``note`` says what the frames were. It speaks of
+    answers like those it was ``made_of``: None where it does not say, as of earlier versions.
     """
 
     tolerance_m: float
@@ -54,6 +68,7 @@ class Calibration:
     single: Judgement
     fused: Judgement | None
     note: str
+    made_of: AnswerKind | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the calibration in the types of JSON."""
@@ -71,7 +86,7 @@ class Calibration:
             raise CalibrationError(
                 f"{where}: not a calibration of format {FORMAT}: make one with `uasthn calibrate`"
             )
-        node = _Node({key: document[key] for key in document if key != "format"}, where)
+        node = _Node({_MADE_OF: None, **document}, where).without("format")
         node.require(cls)
         return cls(
             tolerance_m=node.number("tolerance_m", above=0.0),
@@ -80,6 +95,7 @@ class Calibration:
             single=_judgement(node.child("single")),
             fused=None if node.value["fused"] is None else _judgement(node.child("fused")),
             note=node.text("note"),
+            made_of=None if node.value[_MADE_OF] is None else _kind(node.child(_MADE_OF)),
         )
 
 
@@ -124,6 +140,9 @@ class _Node:
             if keys:
                 raise CalibrationError(f"{self.where}: {', '.join(sorted(keys))} {problem}")
 
+    def without(self, key: str) -> "_Node":
+        return _Node({name: self.value[name] for name in self.value if name != key}, self.where)
+
     def child(self, key: str) -> "_Node":
         return _as_node(self.value[key], f"{self.where}: {key}")
 
@@ -161,6 +180,11 @@ def _as_node(value: Any, where: str) -> _Node:
     if not isinstance(value, Mapping):
         raise CalibrationError(f"{where} is {value!r}, expected an object")
     return _Node(value, where)
+
+
+def _kind(node: _Node) -> AnswerKind:
+    node.require(AnswerKind)
+    return AnswerKind(node.text("estimator"), node.text("ue"))
 
 
 def _judgement(node: _Node) -> Judgement:
