@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from uasthn_cli.config import RESIZED_WIDTH_PX
 from uasthn_cli.matching.displacement.network import Refinement
+from uasthn_cli.matching.displacement.pooling import MaxHalved
 
 _POOLED = 5
 """Layers that halve the resolution: from 256 pixels to 8 cells."""
@@ -59,7 +60,7 @@ class DirectHomographyNetwork(nn.Module):
         layers: list[nn.Module] = []
         channels_in = 6
         for width in architecture.widths:
-            layers += [*_unit(channels_in, width), *_unit(width, width), nn.MaxPool2d(2)]
+            layers += [*_unit(channels_in, width), *_unit(width, width), MaxHalved()]
             channels_in = width
         self.features = nn.Sequential(*layers)
         inputs = channels_in * (RESIZED_WIDTH_PX >> _POOLED) ** 2

@@ -4,6 +4,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from uasthn_cli.matching.displacement.pooling import instance_normalised, max_halved
+
 _IMAGENET_MEAN = (0.485, 0.456, 0.406)
 _IMAGENET_DEVIATION = (0.229, 0.224, 0.225)
 
@@ -21,7 +23,7 @@ class ResidualUnit(nn.Module):
     def forward(self, features: Tensor) -> Tensor:
         """``(B, C_in, h, w)`` to ``(B, C, h, w)``."""
         added = _normalised(self.conv2(_normalised(self.conv1(features))))
-        projected = functional.instance_norm(self.downsample(features))
+        projected = instance_normalised(self.downsample(features))
         return functional.relu(projected + added)
 
 
@@ -45,10 +47,10 @@ class FeatureEncoder(nn.Module):
         mean = images.new_tensor(_IMAGENET_MEAN)[:, None, None]
         deviation = images.new_tensor(_IMAGENET_DEVIATION)[:, None, None]
         features = _normalised(self.conv1((images - mean) / deviation))
-        features = self.layer2(functional.max_pool2d(features, 2))
-        encoded: Tensor = self.conv2(self.layer3(functional.max_pool2d(features, 2)))
+        features = self.layer2(max_halved(features))
+        encoded: Tensor = self.conv2(self.layer3(max_halved(features)))
         return encoded
 
 
 def _normalised(features: Tensor) -> Tensor:
-    return torch.relu_(functional.instance_norm(features))
+    return torch.relu_(instance_normalised(features))

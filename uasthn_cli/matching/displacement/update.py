@@ -3,6 +3,8 @@
 import torch
 from torch import Tensor, nn
 
+from uasthn_cli.matching.displacement.pooling import MaxHalved
+
 _POOLED = 5
 """Layers that halve the resolution: from 64 by 64 cells to one value for each corner."""
 
@@ -15,18 +17,18 @@ class UpdateBlock(nn.Module):
         super().__init__()
         self.cnn = nn.Module()
         for number in range(1, _POOLED + 1):
-            layer = nn.Sequential(*_unit(channels_in, channels), nn.MaxPool2d(2))
+            layer = nn.Sequential(*_unit(channels_in, channels), MaxHalved())
             self.cnn.add_module(f"layer{number}", layer)
             channels_in = channels
         last = nn.Sequential(*_unit(channels, channels), nn.Conv2d(channels, 2, 1))
         self.cnn.add_module("layer10", last)
 
     def forward(self, correlations: Tensor, flow: Tensor) -> Tensor:
-        """Correlations ``(B, h, w, C)`` and flow ``(B, h, w, 2)`` to corners' steps ``(B, 4, 2)``.
+        """Correlations ``(B, C, h, w)`` and flow ``(B, h, w, 2)`` to corners' steps ``(B, 4, 2)``.
 
         The flow is how far a place lies from its cell, in cells.
         """
-        features = torch.cat([correlations, flow.to(correlations.dtype)], dim=-1).movedim(-1, 1)
+        features = torch.cat([correlations, flow.movedim(-1, 1).to(correlations.dtype)], dim=1)
         for layer in self.cnn.children():
             features = layer(features)
         return features.flatten(2).mT
