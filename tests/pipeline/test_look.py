@@ -2,19 +2,22 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from copy import copy
 
 import pytest
 from posed_flight import HFOV_DEG, SEARCH_RADIUS_M, PosedFlight, opened
 
 from uasthn_cli.config import CropTtaConfig
+from uasthn_cli.geometry.corners import DegenerateHomographyError
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.ingest.frames import read_frame
 from uasthn_cli.mapping.reader import MapReader
 from uasthn_cli.mapping.tiles import FeatureTiles
 from uasthn_cli.matching.ncc import NccEstimator
-from uasthn_cli.pipeline.look import Looker
+from uasthn_cli.pipeline.look import Looker, LookError
 from uasthn_cli.pipeline.timing import StageTimer
+from uasthn_cli.seam import Estimate
 from uasthn_cli.types import Prior
 
 WHOLE_FRAME = CropTtaConfig(views=1)
@@ -97,3 +100,24 @@ def test_members_say_where_they_find_the_whole_frame(
     assert len(look.estimate.corners_px) == CropTtaConfig().views
     assert first.look(priors[0], WHOLE_FRAME, SEARCH_RADIUS_M).members_px.shape == (0, 4, 2)
     assert (first.members, first.with_members([first]).members) == (1, 2)
+
+
+class Lost(NccEstimator):
+    """A network whose corners lie on a line."""
+
+    def estimate(self, *_: object, **__: object) -> Estimate:
+        raise DegenerateHomographyError("three corners lie on one line")
+
+
+def test_a_member_that_finds_nothing_answers_with_the_log(
+    lookers: tuple[Looker, Looker], priors: list[Prior], caplog: pytest.LogCaptureFixture
+) -> None:
+    first, _ = lookers
+    lost = copy(first)
+    lost.estimator = Lost()
+    caplog.set_level("DEBUG")
+    look = first.with_members([lost]).look(priors[0], WHOLE_FRAME, SEARCH_RADIUS_M)
+    assert look.members_px[0] == pytest.approx(look.views_px[0] + look.scene.origin_px)
+    assert "answers with the log's place: three corners lie on one line" in caplog.text
+    with pytest.raises(LookError, match="three corners lie on one line"):
+        lost.look(priors[0], WHOLE_FRAME, SEARCH_RADIUS_M)

@@ -167,19 +167,27 @@ class Looker:
                 estimate = self.estimator.estimate(
                     scene.features, thermal, views, scene.origin_px, evidence
                 )
-            members_px = [member._answer_px(scene, views[:1]) for member in self._members]
         except DegenerateHomographyError as error:
             raise LookError(Reason.DEGENERATE_HOMOGRAPHY, error) from error
+        members_px = [member._answer_px(scene, views[:1]) for member in self._members]
         return Look(scene, views, estimate, np.array(members_px).reshape(-1, 4, 2))
 
     def _answer_px(self, scene: Scene, views_px: FloatArray) -> FloatArray:
-        """Return where this looker's network finds views ``(N, 4, 2)`` of another's scene."""
+        """Return where this looker's network finds views ``(N, 4, 2)`` of another's scene.
+
+        Without a homography they are where the prior has them, as a crop without one is: a network
+        that found nothing must not cost the frame what the others found.
+        """
         with self._timer.stage("map"):
             features = self._tiles.read(scene.features.box)
-        with self._timer.stage("search"):
-            return self.estimator.estimate(
-                features, scene.thermal, views_px, scene.origin_px
-            ).corners_px
+        try:
+            with self._timer.stage("search"):
+                return self.estimator.estimate(
+                    features, scene.thermal, views_px, scene.origin_px
+                ).corners_px
+        except DegenerateHomographyError as error:
+            _log.debug("a member of the ensemble answers with the log's place: %s", error)
+            return views_px + scene.origin_px
 
     def evidence(
         self, prior: Prior, image: ImageArray, radius_m: float, scene: Scene
