@@ -116,6 +116,10 @@ def test_what_makes_no_sense_is_refused(flight: Path, tmp_path: Path) -> None:
     assert "one method that can reject" in run("--stress", flight, "--ue", "none", *out).output
     assert "takes one --dc" in run("--stress", flight, "--dc", 1, "--dc", 2, *out).output
     save_predictions(tmp_path / "a.npz", made_up_predictions(np.ones(2), np.ones(2)))
+    for option in (("--dc", 5), ("--views", 9), ("--estimator", "ncc"), ("--ensemble",)):
+        drawn = run("--from", tmp_path / "a.npz", *option, *out)
+        assert drawn.exit_code == 2
+        assert f"{option[0]} shapes predictions" in drawn.output
     asked = run("--from", tmp_path / "a.npz", "--ue", "de", *out)
     assert isinstance(asked.exception, PredictionsError)
     assert "de needs an ensemble" in str(asked.exception)

@@ -15,6 +15,7 @@ from uasthn_cli.commands.evaluation_options import (
     data_options,
     estimator_options,
     judging_options,
+    refuse_predicting_options,
     stress_option,
     uncertainty_option,
 )
@@ -137,6 +138,7 @@ def evaluate(
     if is_from:
         if is_stress or not inputs:
             raise click.UsageError("--from needs predictions, and does not go with --stress")
+        refuse_predicting_options()
         runs = _loaded(inputs)
     elif is_stress:
         _run_stress(inputs, methods, judging, tolerance_m, folder, settings)

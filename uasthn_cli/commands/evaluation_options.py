@@ -7,7 +7,7 @@ import click
 
 from uasthn_cli.commands.matching_options import DEVICES
 from uasthn_cli.commands.matching_options import ESTIMATORS as NAMES
-from uasthn_cli.commands.options import gathered
+from uasthn_cli.commands.options import gathered, given_options
 from uasthn_cli.commands.parameter_types import (
     ABOVE_ZERO,
     EstimatorType,
@@ -34,6 +34,12 @@ if TYPE_CHECKING:
 UE_METHODS: Final = tuple(method.value for method in UeMethod)
 PAPER_THERMAL_PX: Final = 512
 """W_T, in whose pixels the paper states the crop offset."""
+
+_OF_DRAWING: Final = {
+    *("inputs", "is_from", "is_stress", "methods", "aggregation", "merge", "max_std", "rule"),
+    *("tolerance_m", "out", "with_figures", "overwrite", "verbose", "quiet", "help"),
+}
+"""Parameters that mean something for predictions made before."""
 
 data_option = section_option("Data")
 estimator_option = section_option("Estimator")
@@ -241,3 +247,18 @@ _ESTIMATOR_OPTIONS: Final = (
         " and ncc, else its own]",
     ),
 )
+
+
+def refuse_predicting_options() -> None:
+    """Refuse options that shape predictions where those are already made.
+
+    Raises:
+        click.UsageError: one was given.
+    """
+    context = click.get_current_context()
+    names = {str(option.name) for option in context.command.params} - _OF_DRAWING
+    for option in given_options(context, names):
+        raise click.UsageError(
+            f"{option} shapes predictions, and --from draws from those that are made: evaluate the"
+            " data again"
+        )

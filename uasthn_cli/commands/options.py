@@ -7,7 +7,7 @@ Each decorator adds a section of options and replaces them by a single argument:
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -183,3 +183,19 @@ prior_options: Final = gathered(
         help="Height above ground of the whole flight, instead of the log's.",
     ),
 )
+
+
+def given_options(context: click.Context, names: Iterable[str]) -> list[str]:
+    """Return, as they are typed, which of these options or arguments were given."""
+    return [
+        option.opts[0] if isinstance(option, click.Option) else str(option.name).upper()
+        for option in context.command.params
+        if option.name in set(names) and if_given(context, str(option.name)) is not None
+    ]
+
+
+def if_given(context: click.Context, name: str) -> Any:
+    """Return a value that was typed, None where it is a default."""
+    source = context.get_parameter_source(name)
+    typed = source is click.core.ParameterSource.COMMANDLINE
+    return context.params[name] if typed else None

@@ -1,10 +1,9 @@
 """``uasthn train --network dhn|ihn|sthn``: pairs in, network weights and their model card out."""
 
 import shlex
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -14,6 +13,7 @@ from uasthn_cli.commands.displacement_options import (
     XCORR_ONLY,
     AskedDisplacement,
 )
+from uasthn_cli.commands.options import given_options, if_given
 from uasthn_cli.commands.tgm_drawing import (
     drawn_if_rendered,
     open_for_training,
@@ -38,7 +38,7 @@ def refuse_displacement_options(context: click.Context) -> None:
     Raises:
         click.UsageError: one was given.
     """
-    for name in _given(context, DISPLACEMENT_ONLY):
+    for name in given_options(context, DISPLACEMENT_ONLY):
         if name == "DATASET":
             raise click.UsageError(
                 "xcorr learns from --images; a DATASET is for --network dhn, ihn or sthn"
@@ -94,7 +94,7 @@ def _config(context: click.Context, asked: AskedDisplacement) -> "DisplacementCo
 
     values = context.params
     network = values["network"]
-    for name in _given(context, XCORR_ONLY):
+    for name in given_options(context, XCORR_ONLY):
         raise click.UsageError(f"{name} is for --network xcorr, not for {network}")
     if asked.dataset is None:
         raise click.UsageError(f"{network} learns from pairs: give a DATASET")
@@ -105,8 +105,8 @@ def _config(context: click.Context, asked: AskedDisplacement) -> "DisplacementCo
     device = choose_device(values["device"])
     return asked.config(
         network,
-        steps=_if_given(context, "steps"),
-        learning_rate=_if_given(context, "learning_rate"),
+        steps=if_given(context, "steps"),
+        learning_rate=if_given(context, "learning_rate"),
         seed=values["seed"],
         device=device,
         bfloat16=use_bfloat16(Precision(values["precision"]), device),
@@ -143,19 +143,3 @@ def _open_pairs(
     )
     judge = asked.validation or (source if is_held_out else None)
     return dataset, None if judge is None else open_dataset(judge, held_out)
-
-
-def _given(context: click.Context, names: Iterable[str]) -> list[str]:
-    """Return, as they are typed, which of these options or arguments were given."""
-    return [
-        option.opts[0] if isinstance(option, click.Option) else str(option.name).upper()
-        for option in context.command.params
-        if option.name in set(names) and _if_given(context, str(option.name)) is not None
-    ]
-
-
-def _if_given(context: click.Context, name: str) -> Any:
-    """Return a value that was typed, None where it is a default."""
-    source = context.get_parameter_source(name)
-    typed = source is click.core.ParameterSource.COMMANDLINE
-    return context.params[name] if typed else None
