@@ -164,6 +164,18 @@ def _ensemble_arms(base: CropTtaConfig, weights: tuple[Path, ...]) -> Iterator[A
     yield Arm("merge", "de alone", base, weights, None, UeMethod.DE)
 
 
+def chosen(arms: Sequence[Arm], only: Sequence[str]) -> list[Arm]:
+    """Return the arms of these ablations, all if none is named.
+
+    Raises:
+        click.UsageError: there is no such ablation here.
+    """
+    known = {arm.ablation for arm in arms}
+    if not known.issuperset(only):
+        raise click.UsageError(f"--only is one or more of {', '.join(sorted(known))}")
+    return [arm for arm in arms if not only or arm.ablation in only]
+
+
 def row_of(arm: Arm, judged: Judged) -> list[str]:
     """Return a line of the table."""
     scores = score(judged)
@@ -228,6 +240,7 @@ def _trained(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> 
 @click.option("--weights", type=click.Path(exists=True, path_type=Path), multiple=True)
 @click.option("--ensemble", is_flag=True, help="The three networks in the box.")
 @click.option("--trained", multiple=True, callback=_trained, metavar="CROPS=WEIGHTS")
+@click.option("--only", multiple=True, metavar="ABLATION", help="Of all; can be repeated.")
 @click.option("--dc", "offset_m", type=float, default=512.0, show_default=True)
 @click.option("--samples", type=int, default=60, show_default=True)
 @click.option("--hfov", "hfov_deg", type=float, help="Of a flight's camera.")
@@ -239,6 +252,7 @@ def main(
     weights: tuple[Path, ...],
     ensemble: bool,
     trained: dict[str, Path],
+    only: tuple[str, ...],
     offset_m: float,
     samples: int,
     hfov_deg: float | None,
@@ -253,7 +267,7 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     subject = Subject(dataset, spec, estimator, ensemble, symmetries, out)
     curves = []
-    for arm in arms_of(estimator, weights, ensemble, trained):
+    for arm in chosen(list(arms_of(estimator, weights, ensemble, trained)), only):
         predictions = subject.predictions(arm)
         curves.append((arm, judge(predictions, arm.method, arm.judging)))
         click.echo(f"{arm.ablation}: {arm.setting}", err=True)

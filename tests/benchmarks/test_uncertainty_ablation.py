@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
-from uncertainty_ablation import arms_of
+import click
+import pytest
+from uncertainty_ablation import arms_of, chosen
 
 from uasthn_cli.config import CropTtaConfig, UeMethod
 
@@ -27,3 +29,11 @@ def test_every_panel_of_crops_holds_the_papers_choice_once() -> None:
         chosen = [arm for arm in arms if arm.ablation == ablation and arm.crops == CropTtaConfig()]
         assert len(chosen) == 1
     assert not any(arm.ablation in ("early stopping", "merge") for arm in arms)
+
+
+def test_only_some_ablations() -> None:
+    arms = list(arms_of("ihn", FILES, ensemble=False, trained={}))
+    assert chosen(arms, ()) == arms
+    assert {arm.ablation for arm in chosen(arms, ("merge", "sampling"))} == {"merge", "sampling"}
+    with pytest.raises(click.UsageError, match=r"early stopping, merge"):
+        chosen(arms, ("crops in training",))
