@@ -124,4 +124,5 @@ def _unfit_calibration(job: GeotagJob, method: UeMethod | None) -> str | None:
     )
     if method is not UeMethod.NONE or not uses_deviations:
         return None
-    return "--ue none leaves out u_m, by which the calibration judges: add --calibration none"
+    asked = "--ue none" if job.config.ue else "one view of each frame"
+    return f"{asked} leaves out u_m, by which the calibration judges: add --calibration none"
