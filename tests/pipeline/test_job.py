@@ -105,7 +105,7 @@ def test_a_calibration_that_judges_by_the_spread_wants_one() -> None:
     calibrated = replace(
         job(estimator="xcorr", ue=UeMethod.NONE), calibration=load_bundled_calibration()
     )
-    with pytest.raises(ValueError, match="--ue none leaves out u_m.* add --calibration none"):
+    with pytest.raises(ValueError, match=r"--ue none leaves out u_m.* add --calibration none"):
         chosen_uncertainty(calibrated)
     one_view = replace(calibrated, config=replace(calibrated.config, ue=None, crops=WHOLE))
     with pytest.raises(ValueError, match="one view of each frame leaves out u_m"):
