@@ -8,6 +8,7 @@ early stopping (`dhn` has no steps, `xcorr` and `ncc` neither), and merge. Predi
 for each setting and kept in the output folder; a run that was killed goes on from them.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -193,9 +194,11 @@ def row_of(arm: Arm, judged: Judged) -> list[str]:
 def draw(curves: Sequence[tuple[Arm, Judged]], title: str, file_format: str) -> bytes:
     """Return a figure with a panel for each ablation."""
     ablations = list(dict.fromkeys(arm.ablation for arm, _ in curves))
+    columns = min(3, len(ablations))
+    rows = math.ceil(len(ablations) / columns)
     with styled():
-        figure = Figure(figsize=(12.0, 3.6 * ((len(ablations) + 2) // 3)), layout="constrained")
-        panels = figure.subplots((len(ablations) + 2) // 3, 3, squeeze=False).flatten()
+        figure = Figure(figsize=(4.0 * columns, 3.6 * rows), layout="constrained")
+        panels = figure.subplots(rows, columns, squeeze=False).flatten()
         for axes, ablation in zip(panels, ablations, strict=False):
             _panel(axes, [pair for pair in curves if pair[0].ablation == ablation], ablation)
         for axes in panels[len(ablations) :]:
@@ -221,7 +224,7 @@ def _panel(axes: Axes, curves: Sequence[tuple[Arm, Judged]], ablation: str) -> N
     axes.set_title(ablation)
     axes.set_xlim(left=0.0)
     axes.set_ylim(0.0, 1.0)
-    axes.legend(loc="lower right", fontsize=8.5, frameon=True, framealpha=0.85, edgecolor="none")
+    axes.legend(loc="best", fontsize=8.5, frameon=True, framealpha=0.85, edgecolor="none")
 
 
 def _trained(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> dict[str, Path]:
