@@ -19,6 +19,7 @@ import numpy as np
 import torch
 from plain_ihn import locate_plainly
 from tables import machine_line, markdown_table, number, use_threads
+from torch.utils.flop_counter import FlopCounterMode
 
 from uasthn_cli.config import Sampling
 from uasthn_cli.geometry.crops import crop_corners_px
@@ -40,6 +41,13 @@ def seconds(run: Callable[[], object]) -> float:
     started_s = time.perf_counter()
     run()
     return time.perf_counter() - started_s
+
+
+def operations(run: Callable[[], object]) -> int:
+    """Return the additions and multiplications of convolutions and matrix products in one call."""
+    with FlopCounterMode(display=False) as counter:
+        run()
+    return int(counter.get_total_flops())
 
 
 def runs_of(model: DisplacementModel, views: int) -> dict[str, Callable[[], torch.Tensor]]:
@@ -99,11 +107,11 @@ def main(weights: Path | None, views: int, rounds: int, threads: int) -> None:
             best_s[name] = min(best_s[name], seconds(run))
     references = [name for name in (_PLAIN, _ONE) if name in runs]
     rows = [
-        [name, number(1000.0 * taken_s, 0)]
+        [name, number(operations(runs[name]) / 1e9, 1), number(1000.0 * taken_s, 0)]
         + [number(taken_s / best_s[reference], 2) for reference in references]
         for name, taken_s in best_s.items()
     ]
-    header = [model.name, "ms", *(f"× {reference}" for reference in references)]
+    header = [model.name, "GFLOP", "ms", *(f"× {reference}" for reference in references)]
     click.echo(markdown_table(header, rows))
     if _PLAIN in runs:
         difference = (runs[_PLAIN]() - runs[_ONE]()).abs().max()

@@ -165,7 +165,7 @@ def _ensemble_arms(base: CropTtaConfig, weights: tuple[Path, ...]) -> Iterator[A
     yield Arm("merge", "de alone", base, weights, None, UeMethod.DE)
 
 
-def chosen(arms: Sequence[Arm], only: Sequence[str]) -> list[Arm]:
+def selected(arms: Sequence[Arm], only: Sequence[str]) -> list[Arm]:
     """Return the arms of these ablations, all if none is named.
 
     Raises:
@@ -270,7 +270,7 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     subject = Subject(dataset, spec, estimator, ensemble, symmetries, out)
     curves = []
-    for arm in chosen(list(arms_of(estimator, weights, ensemble, trained)), only):
+    for arm in selected(list(arms_of(estimator, weights, ensemble, trained)), only):
         predictions = subject.predictions(arm)
         curves.append((arm, judge(predictions, arm.method, arm.judging)))
         click.echo(f"{arm.ablation}: {arm.setting}", err=True)

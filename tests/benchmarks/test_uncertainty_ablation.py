@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 import pytest
-from uncertainty_ablation import arms_of, chosen
+from uncertainty_ablation import arms_of, selected
 
 from uasthn_cli.config import CropTtaConfig, UeMethod
 
@@ -33,7 +33,7 @@ def test_every_panel_of_crops_holds_the_papers_choice_once() -> None:
 
 def test_only_some_ablations() -> None:
     arms = list(arms_of("ihn", FILES, ensemble=False, trained={}))
-    assert chosen(arms, ()) == arms
-    assert {arm.ablation for arm in chosen(arms, ("merge", "sampling"))} == {"merge", "sampling"}
+    assert selected(arms, ()) == arms
+    assert {arm.ablation for arm in selected(arms, ("merge", "sampling"))} == {"merge", "sampling"}
     with pytest.raises(click.UsageError, match=r"early stopping, merge"):
-        chosen(arms, ("crops in training",))
+        selected(arms, ("crops in training",))

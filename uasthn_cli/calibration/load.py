@@ -21,6 +21,8 @@ from uasthn_cli.uncertainty.risk_model import SIGNALS
 SINGLE_PREFIX: Final = "single_"
 """Begins the columns of the single-frame answer in a run whose main answer is fused."""
 
+_UNSTATED: Final = "a kind that it does not state"
+
 _NEVER_ACCEPTED: Final = (
     *(Reason.DEGENERATE_HOMOGRAPHY, Reason.IMPLAUSIBLE_SCALE, Reason.UNSUPPORTED),
     *(Reason.OFF_MAP, Reason.TEXTURELESS),
@@ -47,25 +49,26 @@ def load_answers(folders: Sequence[Path], gps: GpsStretch | None = None) -> RunA
         CalibrationError: a run has no truth, none of its frames lies in the stretch, or its answers
             are of another kind than those before it.
     """
-    singles, fused, kinds = [], [], []
+    singles, fused = [], []
+    kind = None
     seen: set[Path] = set()
     for flight, folder in enumerate(folders):
         if folder.resolve() in seen:
             raise ResultsError(f"{folder}: given twice: its frames would count twice")
         seen.add(folder.resolve())
         table = _Table(folder, flight, gps)
-        kinds.append(table.kind)
-        if kinds[0] != table.kind:
+        if flight and table.kind != kind:
             raise CalibrationError(
-                f"{folder}: its answers are of {table.kind or 'no kind it states'}, those of"
-                f" {folders[0]} of {kinds[0] or 'none'}: calibrate one kind at a time"
+                f"{folder}: its answers are of {table.kind or _UNSTATED}, those of {folders[0]} of"
+                f" {kind or _UNSTATED}: calibrate one kind at a time"
             )
+        kind = table.kind
         if any(name.startswith(SINGLE_PREFIX) for name in table.cells.columns):
             singles.append(table.answers("single", SINGLE_PREFIX))
             fused.append(table.answers("fused", ""))
         else:
             singles.append(table.answers("single", ""))
-    return RunAnswers(joined(singles), joined(fused) if fused else None, kinds[0])
+    return RunAnswers(joined(singles), joined(fused) if fused else None, kind)
 
 
 class _Table:

@@ -37,7 +37,7 @@ PAPER_THERMAL_PX: Final = 512
 
 _OF_DRAWING: Final = {
     *("inputs", "is_from", "is_stress", "methods", "aggregation", "merge", "max_std", "rule"),
-    *("tolerance_m", "out", "with_figures", "overwrite", "verbose", "quiet", "help"),
+    *("tolerance_m", "out", "with_figures", "overwrite"),
 }
 """Parameters that mean something for predictions made before."""
 
@@ -256,8 +256,7 @@ def refuse_predicting_options() -> None:
         click.UsageError: one was given.
     """
     context = click.get_current_context()
-    names = {str(option.name) for option in context.command.params} - _OF_DRAWING
-    for option in given_options(context, names):
+    for option in given_options(context, context.params.keys() - _OF_DRAWING):
         raise click.UsageError(
             f"{option} shapes predictions, and --from draws from those that are made: evaluate the"
             " data again"

@@ -97,7 +97,7 @@ class Face(click.Group):
         except UasthnError as error:
             _fail(str(error))
             sys.exit(error.exit_code)
-        except Exception as error:
+        except Exception as error:  # what nobody foresaw also ends in one line
             _fail(f"unexpected {type(error).__name__}: {error} (run with -v for the traceback)")
             LOGGER.info("traceback of the error above", exc_info=True)
             sys.exit(UNEXPECTED_EXIT_CODE)

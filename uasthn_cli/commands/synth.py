@@ -1,7 +1,7 @@
 """``uasthn synth``: render a flight over a made-up place, with its truth."""
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import click
 
@@ -54,6 +54,7 @@ output_option = section_option("Output")
 )
 @place_option(
     "--gsd-m",
+    "map_gsd_m",
     type=FiniteRange(0.05, 50),
     default=_DEFAULT.map_gsd_m,
     show_default=True,
@@ -62,6 +63,7 @@ output_option = section_option("Output")
 )
 @place_option(
     "--lat",
+    "lat_deg",
     type=FiniteRange(-80, 80),
     default=_DEFAULT.lat_deg,
     show_default=True,
@@ -70,13 +72,16 @@ output_option = section_option("Output")
 )
 @place_option(
     "--lon",
+    "lon_deg",
     type=FiniteRange(-180, 180),
     default=_DEFAULT.lon_deg,
     show_default=True,
     metavar="DEG",
     help="Where on earth the place is put.",
 )
-@place_option("--crs", metavar="CRS", help="The map's CRS, say EPSG:4326 [default: UTM].")
+@place_option(
+    "--crs", "map_crs", metavar="CRS", help="The map's CRS, say EPSG:4326 [default: UTM]."
+)
 @flight_option(
     "--frames", type=click.IntRange(min=1), default=_DEFAULT.frames, show_default=True, metavar="N"
 )
@@ -174,25 +179,12 @@ def synth(
     out: Path,
     seed: int,
     kind: str,
-    gsd_m: float,
-    lat: float,
-    lon: float,
-    crs: str | None,
-    frames: int,
     route: str,
-    height_m: float,
-    overlap: float,
-    wind_m_s: float,
-    hfov_deg: float,
     frame_size_px: tuple[int, int],
     gain: str,
-    drift_m: float,
-    yaw_bias_deg: float,
-    height_bias: float,
-    camera_messages: bool,
     stress: tuple[StressCategory, float] | None,
-    jpeg_map: bool,
     overwrite: bool,
+    **settings: Any,
 ) -> None:
     """Render a flight by night over a made-up place, with its truth.
 
@@ -207,26 +199,13 @@ def synth(
     config = FlightConfig(
         seed=seed,
         kind=LandscapeKind(kind),
-        frames=frames,
+        route=Route(route),
         frame_width_px=frame_size_px[0],
         frame_height_px=frame_size_px[1],
-        hfov_deg=hfov_deg,
-        height_m=height_m,
-        map_gsd_m=gsd_m,
-        route=Route(route),
-        overlap=overlap,
-        wind_m_s=wind_m_s,
-        drift_m=drift_m,
-        yaw_bias_deg=yaw_bias_deg,
-        height_bias=height_bias,
-        lat_deg=lat,
-        lon_deg=lon,
-        map_crs=crs,
-        jpeg_map=jpeg_map,
-        camera_messages=camera_messages,
         sensor=SensorConfig(gain=Gain(gain), pattern_seed=seed),
+        **settings,  # the other options bear the names of its fields
     )
-    with progress("Rendering", frames) as advance:
+    with progress("Rendering", config.frames) as advance:
         if stress is None:
             flight = render_flight(out, config, overwrite=overwrite, on_frame=advance)
         else:
@@ -237,5 +216,5 @@ def synth(
     click.echo(out)
     say(
         f"geo-tag it: uasthn geotag {flight.log} {flight.frames} --map {flight.map}"
-        f" --hfov {hfov_deg:g} --truth {flight.truth} --out OUT"
+        f" --hfov {config.hfov_deg:g} --truth {flight.truth} --out OUT"
     )

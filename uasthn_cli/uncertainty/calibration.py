@@ -86,7 +86,8 @@ class Calibration:
             raise CalibrationError(
                 f"{where}: not a calibration of format {FORMAT}: make one with `uasthn calibrate`"
             )
-        node = _Node({_MADE_OF: None, **document}, where).without("format")
+        fields = {key: document[key] for key in document if key != "format"}
+        node = _Node({_MADE_OF: None} | fields, where)
         node.require(cls)
         return cls(
             tolerance_m=node.number("tolerance_m", above=0.0),
@@ -139,9 +140,6 @@ class _Node:
         ):
             if keys:
                 raise CalibrationError(f"{self.where}: {', '.join(sorted(keys))} {problem}")
-
-    def without(self, key: str) -> "_Node":
-        return _Node({name: self.value[name] for name in self.value if name != key}, self.where)
 
     def child(self, key: str) -> "_Node":
         return _as_node(self.value[key], f"{self.where}: {key}")
