@@ -22,9 +22,10 @@ from held import FLIGHTS, PAIR, FrameScore, evaluate
 from tables import markdown_table, number, use_threads
 
 from uasthn_cli.config import Precision
+from uasthn_cli.matching.architecture import XcorrArchitecture
 from uasthn_cli.matching.memory import keep_freed_memory
-from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
-from uasthn_cli.matching.weights import serialise_xcorr
+from uasthn_cli.matching.networks import XcorrModel
+from uasthn_cli.matching.torch_weights import serialise_xcorr
 from uasthn_cli.outputs.atomic import write_bytes, write_text
 from uasthn_cli.training.engine import engine_without
 from uasthn_cli.training.loop import train_steps

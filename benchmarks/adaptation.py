@@ -21,7 +21,8 @@ from torch import nn
 from uasthn_cli.config import Precision
 from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.matching.networks import XcorrModel
-from uasthn_cli.matching.weights import BUNDLED_XCORR, serialise_xcorr
+from uasthn_cli.matching.torch_weights import serialise_xcorr
+from uasthn_cli.matching.weights import BUNDLED_XCORR
 from uasthn_cli.outputs.atomic import write_bytes, write_text
 from uasthn_cli.training.loop import train_steps
 from uasthn_cli.training.losses import window_statistics

@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -20,7 +19,9 @@ from uasthn_cli.geometry.pixels import metres_to_grid
 from uasthn_cli.geometry.placement import box_origin
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.mapping.radiometry import find_statistics
-from uasthn_cli.matching.networks import STRIDE_PX, XcorrModel
+from uasthn_cli.matching.architecture import STRIDE_PX
+from uasthn_cli.matching.networks import XcorrModel
+from uasthn_cli.matching.torch_encoders import TorchEncoders
 from uasthn_cli.matching.xcorr import XcorrEstimator
 from uasthn_cli.outputs.truth import center_error_m, read_truth
 from uasthn_cli.pipeline import GeotagJob, open_run
@@ -70,7 +71,7 @@ class ProbedXcorr(XcorrEstimator):
 
     def __init__(self, model: XcorrModel) -> None:
         """See one symmetry, on the CPU."""
-        super().__init__(model, symmetries=1)
+        super().__init__(TorchEncoders(model), symmetries=1, appearance=False)
         self.scores: FloatArray = np.zeros((0, 0))
         self.centre_px: FloatArray = np.zeros(2)
         self.box = GridBox(0, 0, 0, 0)
@@ -100,9 +101,6 @@ class ProbedXcorr(XcorrEstimator):
         even = (near & finite).sum() / finite.sum()
         mass = float((1 - _FLOOR) * weights[near].sum() / weights.sum() + _FLOOR * even)
         return math.log(max(mass, 1e-12))
-
-    def _appearance_scores(self, *_: Any) -> FloatArray:
-        return np.zeros((1, 1, 1))
 
 
 def evaluate(model: XcorrModel, shared: Path) -> dict[str, list[FrameScore]]:

@@ -10,7 +10,8 @@ from ablation import ARMS, FRAMES, Arm, slug, summarise, table
 from held import FrameScore, ProbedXcorr
 
 from uasthn_cli.geometry.corners import image_corners_px
-from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
+from uasthn_cli.matching.architecture import XcorrArchitecture
+from uasthn_cli.matching.networks import XcorrModel
 from uasthn_cli.training.engine import PARTS
 from uasthn_cli.types import GridBox, MapFeatures, MapGrid, Ortho
 

@@ -10,7 +10,7 @@ from tiny_training import TINY_ARCHITECTURE, write_photo
 from torch import nn
 
 from uasthn_cli.matching.networks import XcorrModel
-from uasthn_cli.matching.weights import load_xcorr, serialise_xcorr
+from uasthn_cli.matching.torch_weights import load_xcorr, serialise_xcorr
 from uasthn_cli.training import trainee
 from uasthn_cli.training.scenes import RenderedShares
 

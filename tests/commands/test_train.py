@@ -17,8 +17,8 @@ from uasthn_cli.commands.main import main
 from uasthn_cli.commands.train import train
 from uasthn_cli.commands.training_options import ImagesType
 from uasthn_cli.errors import OutputError, RunInterruptedError, TrainingDataError
-from uasthn_cli.matching.networks import XcorrArchitecture
-from uasthn_cli.matching.weights import load_xcorr
+from uasthn_cli.matching.architecture import XcorrArchitecture
+from uasthn_cli.matching.torch_weights import load_xcorr
 from uasthn_cli.training import loop, run
 from uasthn_cli.training.run import Report, TrainingJob, TrainingRun
 

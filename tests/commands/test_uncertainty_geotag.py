@@ -15,8 +15,9 @@ from small_displacement_models import fixed_weights, small_weights
 from small_flight import FRAME_GSD_M, FRAME_SIZE_PX, Flight, make_flight
 
 from uasthn_cli.commands.main import main
-from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
-from uasthn_cli.matching.weights import serialise_xcorr
+from uasthn_cli.matching.architecture import XcorrArchitecture
+from uasthn_cli.matching.networks import XcorrModel
+from uasthn_cli.matching.torch_weights import serialise_xcorr
 from uasthn_cli.types import FloatArray
 
 PIXEL_M = FRAME_SIZE_PX[0] * FRAME_GSD_M / 256

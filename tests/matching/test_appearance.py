@@ -3,18 +3,17 @@
 import cv2
 import numpy as np
 import pytest
-import torch
-from numpy.typing import NDArray
 from small_flight import ground_texture
 
 from uasthn_cli.matching.appearance import (
     CHANNELS,
     appearance_cells,
     appearance_scores,
+    levelled_window,
     masked_correlation,
 )
 from uasthn_cli.matching.ncc import CELLS_PER_SAMPLE, LARGEST_CORRELATION
-from uasthn_cli.types import FloatArray
+from uasthn_cli.types import FloatArray, ImageArray
 
 ROWS, COLUMNS = 21, 30
 HEIGHT, WIDTH = 9, 14
@@ -49,15 +48,19 @@ def directly(
     return found
 
 
-def tensors(*arrays: NDArray[np.floating]) -> list[torch.Tensor]:
-    return [torch.from_numpy(np.asarray(array, np.float32)) for array in arrays]
+def seen(
+    window: FloatArray, valid: FloatArray, template: FloatArray, masks: FloatArray
+) -> tuple[ImageArray, ImageArray, ImageArray]:
+    """Return a scene as the search has it: the window levelled, all in single precision."""
+    levelled = levelled_window(window.astype(np.float32), valid > 0)
+    return levelled, template.astype(np.float32), masks.astype(np.float32)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_convention_it_is_pearsons_correlation_under_each_mask(seed: int) -> None:
     """Rows and columns differ in number: entry ``(j, i)`` lays cell (0, 0) on ``(j, i)``."""
     window, valid, template, masks = scene(seed)
-    found = masked_correlation(*tensors(window, valid, template, masks)).numpy()
+    found = masked_correlation(*seen(window, valid, template, masks))
     assert found.shape == (3, 2, ROWS - HEIGHT + 1, COLUMNS - WIDTH + 1)
     assert found == pytest.approx(directly(window, valid, template, masks), abs=1e-4)
     assert np.unravel_index(found[0, 0].argmax(), found[0, 0].shape) == (5, 11)
@@ -69,23 +72,23 @@ def test_cells_off_the_map_count_as_its_mean() -> None:
     expected = directly(window, valid, template, masks)
     spoiled = np.where(valid > 0, window, 1e3)
     for shown in (window, spoiled):
-        found = masked_correlation(*tensors(shown, valid, template, masks)).numpy()
+        found = masked_correlation(*seen(shown, valid, template, masks))
         assert found == pytest.approx(expected, abs=1e-3)
 
 
 def test_brightness_and_contrast_of_either_side_do_not_matter() -> None:
     window, valid, template, masks = scene()
-    plain = masked_correlation(*tensors(window, valid, template, masks)).numpy()
-    changed = masked_correlation(*tensors(40 + 3 * window, valid, 0.1 * template, masks)).numpy()
+    plain = masked_correlation(*seen(window, valid, template, masks))
+    changed = masked_correlation(*seen(40 + 3 * window, valid, 0.1 * template, masks))
     assert changed == pytest.approx(plain, abs=1e-4)
 
 
 def test_flat_ground_and_flat_frames_correlate_with_nothing() -> None:
     window, valid, template, masks = scene()
     window[:, :, :WIDTH] = 3.0
-    on_flat = masked_correlation(*tensors(window, valid, template, masks)).numpy()[..., 0]
-    flat_frame = masked_correlation(*tensors(window, valid, 0 * template + 2, masks)).numpy()
-    nothing_shown = masked_correlation(*tensors(window, valid, template, 0 * masks)).numpy()
+    on_flat = masked_correlation(*seen(window, valid, template, masks))[..., 0]
+    flat_frame = masked_correlation(*seen(window, valid, 0 * template + 2, masks))
+    nothing_shown = masked_correlation(*seen(window, valid, template, 0 * masks))
     assert np.abs(on_flat).max() < 0.02
     assert np.abs(flat_frame).max() < 1e-3
     assert np.abs(nothing_shown).max() < 1e-3
@@ -97,21 +100,21 @@ def test_scores_are_the_log_likelihood_of_both_channels() -> None:
     clipped = np.clip(correlation, -LARGEST_CORRELATION, LARGEST_CORRELATION)
     samples = masks.sum(axis=(1, 2))[:, None, None] / CELLS_PER_SAMPLE
     expected = -0.5 * samples * np.log1p(-(clipped**2)).sum(axis=1)
-    found = appearance_scores(*tensors(window, valid, template, masks)).numpy()
+    found = appearance_scores(*seen(window, valid, template, masks))
     assert found == pytest.approx(expected, abs=1e-3)
 
 
 def test_inverted_contrast_scores_alike() -> None:
     window, valid, template, masks = scene()
-    day = appearance_scores(*tensors(window, valid, template, masks))
-    night = appearance_scores(*tensors(window, valid, -template, masks))
-    assert night.numpy() == pytest.approx(day.numpy(), abs=1e-5)
+    day = appearance_scores(*seen(window, valid, template, masks))
+    night = appearance_scores(*seen(window, valid, -template, masks))
+    assert night == pytest.approx(day, abs=1e-5)
 
 
 def test_a_perfect_fit_is_worth_a_bounded_amount() -> None:
     window, valid, _, masks = scene()
     exact = window[:, 5 : 5 + HEIGHT, 11 : 11 + WIDTH]
-    scores = appearance_scores(*tensors(window, valid, exact, masks))
+    scores = appearance_scores(*seen(window, valid, exact, masks))
     bound = -HEIGHT * WIDTH / CELLS_PER_SAMPLE * np.log1p(-(LARGEST_CORRELATION**2))
     assert float(scores[0].max()) == pytest.approx(bound, rel=1e-3)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matching_scene import GSD_M, centred_origin, encoded, full_view, thermal_cut
 
-from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR, load_xcorr
-from uasthn_cli.matching.xcorr import XcorrEstimator
+from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR, read_xcorr
+from uasthn_cli.matching.xcorr import XcorrEstimator, open_xcorr
 from uasthn_cli.synth.landscape import LandscapeKind, render_landscape
 from uasthn_cli.types import GridBox, MapGrid, MapStatistics, MapWindow
 
@@ -18,7 +18,7 @@ TOLERANCE_M = 25.0
 
 @pytest.fixture(scope="module")
 def estimator() -> XcorrEstimator:
-    return XcorrEstimator(load_xcorr(BUNDLED_XCORR).model, symmetries=1)
+    return open_xcorr([], "cpu", 1)
 
 
 @pytest.mark.parametrize("kind", [LandscapeKind.FARMS, LandscapeKind.DUNES])
@@ -44,8 +44,8 @@ def test_a_rendered_night_view_is_found(kind: LandscapeKind, estimator: XcorrEst
     assert estimate.confidence > 0.5
 
 
-@pytest.mark.parametrize("path", BUNDLED_ENSEMBLE, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [BUNDLED_XCORR, *BUNDLED_ENSEMBLE], ids=lambda path: path.stem)
 def test_the_weights_say_how_they_came_about(path: Path) -> None:
     if not path.is_file():
         pytest.skip(f"{path.name} is not in the box")
-    assert set(load_xcorr(path).notes) > {"format", "architecture"}
+    assert set(read_xcorr(path).notes) > {"format", "architecture"}

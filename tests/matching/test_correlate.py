@@ -1,118 +1,82 @@
-"""The correlation by FFT against its definition, written out shift by shift."""
+"""The correlation against its definition and against the one that training differentiates."""
 
+import numpy as np
+import pytest
 import torch
-from torch import Tensor
 
+from uasthn_cli.matching import correlate as module
 from uasthn_cli.matching.correlate import (
-    _Correlation,
     cell_mask,
     correlate,
     normalise_template,
+    sliding_sums,
 )
+from uasthn_cli.training import correlate as training
+from uasthn_cli.types import ImageArray
 
-CHANNELS, WINDOW, CANVAS = 3, (17, 22), (6, 9)
-
-
-def random_batch(seed: int, views: int = 2) -> tuple[Tensor, Tensor, Tensor]:
-    """Return two windows, ``views`` templates in each and their masks, in double precision."""
-    draw = torch.Generator().manual_seed(seed)
-    window = torch.randn(2, CHANNELS, *WINDOW, generator=draw, dtype=torch.float64)
-    template = torch.randn(2, views, CHANNELS, *CANVAS, generator=draw, dtype=torch.float64)
-    mask = (torch.rand(2, views, 1, *CANVAS, generator=draw) > 0.3).double()
-    return window, template * mask, mask
+CHANNELS, WINDOW, CANVAS = 3, (37, 52), (6, 9)
 
 
-def by_definition(window: Tensor, template: Tensor, mask: Tensor) -> Tensor:
-    """Return what :func:`correlate` is said to be for one window ``(C, H, W)`` and template."""
-    height, width = template.shape[-2:]
-    rows, columns = window.shape[-2] - height + 1, window.shape[-1] - width + 1
-    scores = torch.zeros(rows, columns, dtype=window.dtype)
-    for row in range(rows):
-        for column in range(columns):
-            under = window[:, row : row + height, column : column + width]
-            energy = (under**2 * mask).sum()
-            scores[row, column] = (template * under).sum() / torch.sqrt(energy + 1e-3)
-    return scores
+def scene(seed: int, views: int = 2) -> tuple[ImageArray, ImageArray, ImageArray]:
+    """Return a window, features of a frame, and masks of views of it."""
+    draw = np.random.default_rng(seed)
+    window = draw.normal(size=(CHANNELS, *WINDOW)).astype(np.float32)
+    features = draw.normal(1.0, 1.0, size=(CHANNELS, *CANVAS)).astype(np.float32)
+    return window, features, (draw.random((views, *CANVAS)) > 0.3).astype(np.float32)
 
 
-def test_scores_are_the_masked_correlation_at_every_shift() -> None:
-    window, template, mask = random_batch(0)
-    scores = correlate(window, template, mask)
-    assert scores.shape == (2, 2, WINDOW[0] - CANVAS[0] + 1, WINDOW[1] - CANVAS[1] + 1)
-    for b in range(2):
-        for k in range(2):
-            expected = by_definition(window[b], template[b, k], mask[b, k])
-            torch.testing.assert_close(scores[b, k], expected)
+def by_torch(window: ImageArray, features: ImageArray, masks: ImageArray) -> ImageArray:
+    mask = torch.from_numpy(masks)[:, None]
+    repeated = torch.from_numpy(features).expand(len(masks), -1, -1, -1)
+    template = training.normalise_template(repeated, mask)
+    scores = training.correlate(torch.from_numpy(window)[None], template[None], mask[None])
+    array: ImageArray = scores[0].numpy()
+    return array
 
 
-def test_a_piece_of_the_window_scores_one_at_its_place() -> None:
-    window, _, mask = random_batch(1, views=1)
-    under = window[:, None, :, 8 : 8 + CANVAS[0], 4 : 4 + CANVAS[1]]
-    count = mask.sum(dim=(-2, -1), keepdim=True)
-    mean = (under * mask).sum(dim=(-2, -1), keepdim=True) / count
-    flattened = window - mean[:, 0]
-    template = normalise_template((under - mean)[:, 0], mask[:, 0])[:, None]
-    scores = correlate(flattened, template, mask)
-    torch.testing.assert_close(
-        scores[:, 0, 8, 4], torch.ones(2, dtype=torch.float64), atol=1e-3, rtol=0.0
-    )
-    assert scores.abs().max() <= 1.0
-    assert (scores.flatten(2).argmax(dim=2) == 8 * scores.shape[-1] + 4).all()
+def test_scores_are_those_of_training() -> None:
+    window, features, masks = scene(0)
+    found = correlate(window, normalise_template(features, masks), masks)
+    assert found.shape == (2, WINDOW[0] - CANVAS[0] + 1, WINDOW[1] - CANVAS[1] + 1)
+    assert found.dtype == np.float32
+    assert found == pytest.approx(by_torch(window, features, masks), abs=1e-5)
 
 
-def test_gradients_are_those_of_finite_differences() -> None:
-    draw = torch.Generator().manual_seed(2)
-    window = torch.randn(2, 2, 7, 8, generator=draw, dtype=torch.float64, requires_grad=True)
-    template = torch.randn(2, 3, 2, 4, 3, generator=draw, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(_Correlation.apply, (window, template))
+@pytest.mark.parametrize("largest", [1, 13, 20, 40])
+def test_blocks_of_any_size_give_the_same(largest: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    window, features, masks = scene(1)
+    templates = normalise_template(features, masks)
+    whole = correlate(window, templates, masks)
+    monkeypatch.setattr(module, "_LARGEST_BLOCK", largest)
+    assert correlate(window, templates, masks) == pytest.approx(whole, abs=1e-5)
 
 
-def test_gradients_are_those_of_a_convolution() -> None:
-    window, template, _ = random_batch(3)
-    window.requires_grad_()
-    template.requires_grad_()
-    by_fft = _Correlation.apply(window, template)  # type: ignore[no-untyped-call]
-    direct = torch.stack(
-        [torch.nn.functional.conv2d(window[b : b + 1], template[b])[0] for b in range(2)]
-    )
-    torch.testing.assert_close(by_fft, direct)
-    weights = torch.randn(direct.shape, generator=torch.Generator().manual_seed(4)).double()
-    expected = torch.autograd.grad((direct * weights).sum(), [window, template])
-    found = torch.autograd.grad((by_fft * weights).sum(), [window, template])
-    torch.testing.assert_close(found, expected)
+def test_sums_are_of_the_pairs_that_are_named() -> None:
+    window, features, _ = scene(2)
+    sums = sliding_sums(window, features[None], [(slice(0, 2), slice(1, 3)), (2, 0)])
+    assert sums.shape[:2] == (1, 2)
+    under = window[:, 7 : 7 + CANVAS[0], 11 : 11 + CANVAS[1]]
+    pairs = float((under[0:2] * features[1:3]).sum()), float((under[2] * features[0]).sum())
+    assert sums[0, :, 7, 11] == pytest.approx(pairs, abs=1e-4)
 
 
 def test_templates_have_no_mean_unit_norm_and_nothing_outside_their_mask() -> None:
-    _, template, mask = random_batch(5)
-    features = template[:, 0] + 4.0
-    normalised = normalise_template(features, mask[:, 0])
-    torch.testing.assert_close(
-        normalised.sum(dim=(2, 3)), torch.zeros(2, CHANNELS).double(), atol=1e-9, rtol=0.0
-    )
-    torch.testing.assert_close(
-        normalised.flatten(1).norm(dim=1), torch.ones(2).double(), atol=1e-4, rtol=0.0
-    )
-    assert (normalised * (1 - mask[:, 0]) == 0).all()
-
-
-def test_template_pixels_outside_the_mask_have_no_influence() -> None:
-    _, template, mask = random_batch(6)
-    soiled = template[:, 0] + 1e3 * (1 - mask[:, 0])
-    torch.testing.assert_close(
-        normalise_template(soiled, mask[:, 0]), normalise_template(template[:, 0], mask[:, 0])
-    )
+    _, features, masks = scene(3)
+    templates = normalise_template(features, masks)
+    assert templates.sum(axis=(2, 3)) == pytest.approx(0.0, abs=1e-5)
+    assert np.linalg.norm(templates.reshape(2, -1), axis=1) == pytest.approx(1.0, abs=1e-4)
+    assert (templates * (1 - masks[:, None]) == 0).all()
 
 
 def test_an_empty_mask_gives_zeros() -> None:
-    window, template, mask = random_batch(7)
-    nothing = torch.zeros_like(mask)
-    empty = normalise_template(template[:, 0], nothing[:, 0])[:, None]
-    assert (correlate(window, empty, nothing[:, :1]).abs() < 1e-9).all()
+    window, features, masks = scene(4)
+    scores = correlate(window, normalise_template(features, 0 * masks), 0 * masks)
+    assert np.abs(scores).max() < 1e-4
 
 
 def test_a_cell_counts_only_if_all_its_pixels_do() -> None:
-    valid = torch.ones(1, 1, 6, 8)
-    valid[..., 3, 5] = 0.0
-    expected = torch.ones(1, 1, 3, 4)
-    expected[..., 1, 2] = 0.0
-    assert torch.equal(cell_mask(valid, 2), expected)
+    valid = np.ones((6, 8), np.bool_)
+    valid[3, 5] = False
+    expected = np.ones((3, 4), np.bool_)
+    expected[1, 2] = False
+    np.testing.assert_array_equal(cell_mask(valid, 2), expected)

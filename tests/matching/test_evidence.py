@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from known_model import known_model
+from known_model import known_encoders
 from matching_scene import centred_origin, encoded, full_view, map_window, thermal_cut
 from small_flight import ground_texture
 
@@ -17,7 +17,7 @@ CORNER_PX, SIZE_PX = (48, 90), (48, 48)
 
 @pytest.mark.parametrize(
     "estimator",
-    [NccEstimator(), XcorrEstimator(known_model(), symmetries=1)],
+    [NccEstimator(), XcorrEstimator(known_encoders(), symmetries=1)],
     ids=["ncc", "xcorr"],
 )
 @pytest.mark.parametrize("twin", [0, 1])

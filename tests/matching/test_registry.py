@@ -7,10 +7,12 @@ import torch
 from small_displacement_models import small_weights
 
 from uasthn_cli.errors import WeightsError
+from uasthn_cli.matching import device
+from uasthn_cli.matching.architecture import XcorrArchitecture
 from uasthn_cli.matching.device import choose_device
-from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
+from uasthn_cli.matching.networks import XcorrModel
 from uasthn_cli.matching.registry import DISPLACEMENT_ESTIMATORS, ESTIMATORS, open_estimator
-from uasthn_cli.matching.weights import serialise_xcorr
+from uasthn_cli.matching.torch_weights import serialise_xcorr
 
 
 @pytest.fixture
@@ -70,6 +72,7 @@ def test_an_unknown_estimator_is_named_with_those_known() -> None:
 def test_the_gpu_is_used_when_wanted_and_there(
     requested: str, has_gpu: bool, chosen: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(device, "_has_driver", lambda: has_gpu)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: has_gpu)
     assert choose_device(requested) == chosen
 

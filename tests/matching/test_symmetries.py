@@ -2,81 +2,84 @@
 
 from collections.abc import Callable
 
+import cv2
+import numpy as np
 import pytest
-import torch
-import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
-from torch import Tensor
 
 from uasthn_cli.matching.symmetries import SYMMETRIES, encode_symmetric
+from uasthn_cli.types import BoolArray, ImageArray
 
-Encode = Callable[[Tensor, Tensor], Tensor]
-
-
-def image_and_valid() -> tuple[Tensor, Tensor]:
-    draw = torch.Generator().manual_seed(0)
-    image = torch.rand(2, 3, 12, 20, generator=draw)
-    valid = (torch.rand(2, 1, 12, 20, generator=draw) > 0.2).float()
-    return image, valid
+Encode = Callable[[ImageArray, BoolArray], ImageArray]
 
 
-def stacks(encode: Encode) -> tuple[Tensor, ...]:
+def image_and_valid() -> tuple[ImageArray, BoolArray]:
+    draw = np.random.default_rng(0)
+    return draw.random((3, 12, 20), np.float32), draw.random((12, 20)) > 0.2
+
+
+def convolved(kernel: ImageArray) -> Encode:
+    """Return an encoder of one channel that correlates the first plane with a kernel."""
+
+    def encode(image: ImageArray, _: BoolArray) -> ImageArray:
+        return cv2.filter2D(image[0], -1, kernel, borderType=cv2.BORDER_CONSTANT)[None]
+
+    return encode
+
+
+def stacks(encode: Encode) -> list[ImageArray]:
     image, valid = image_and_valid()
-    return encode_symmetric(encode, image, valid, SYMMETRIES).chunk(SYMMETRIES, dim=1)
+    return np.split(encode_symmetric(encode, image, valid, SYMMETRIES), SYMMETRIES)
 
 
 def test_turning_and_turning_back_is_the_identity() -> None:
     image, valid = image_and_valid()
     for turned_back in stacks(lambda x, mask: x * mask):
-        assert torch.equal(turned_back, image * valid)
+        np.testing.assert_array_equal(turned_back, image * valid)
 
 
 def test_an_encoder_without_preferred_direction_gives_equal_stacks() -> None:
-    first, *others = stacks(lambda x, mask: F.avg_pool2d(x * mask, 2) ** 2)
-    assert first.shape == (2, 3, 6, 10)
+    def pooled(x: ImageArray, mask: BoolArray) -> ImageArray:
+        rows, columns = mask.shape
+        blocks = (x * mask).reshape(3, rows // 2, 2, columns // 2, 2)
+        return np.asarray(blocks.mean(axis=(2, 4)) ** 2, np.float32)
+
+    first, *others = stacks(pooled)
+    assert first.shape == (3, 6, 10)
     for other in others:
-        torch.testing.assert_close(other, first)
+        np.testing.assert_allclose(other, first, rtol=1e-6)
 
 
 def test_an_encoder_with_a_preferred_direction_is_seen_eight_ways() -> None:
-    weight = torch.arange(9.0).reshape(1, 1, 3, 3)
-    found = stacks(lambda x, mask: F.conv2d(x[:, :1], weight, padding=1))
+    found = stacks(convolved(np.arange(9, dtype=np.float32).reshape(3, 3)))
     for index, one in enumerate(found):
         for other in found[index + 1 :]:
-            assert not torch.allclose(one, other)
+            assert not np.allclose(one, other)
 
 
 def test_convention_a_turned_kernel_does_what_turning_the_image_does() -> None:
     image, valid = image_and_valid()
-    kernel = torch.zeros(1, 1, 3, 3)
-    kernel[0, 0, 1, 2] = 1.0  # each pixel takes the value of its right neighbour
-
-    def from_the_right(x: Tensor, mask: Tensor) -> Tensor:
-        return F.conv2d(x[:, :1], kernel, padding=1)
-
-    found = encode_symmetric(from_the_right, image, valid, SYMMETRIES)
-    inside = (slice(None), slice(1, -1), slice(1, -1))
+    kernel = np.zeros((3, 3), np.float32)
+    kernel[1, 2] = 1.0  # each pixel takes the value of its right neighbour
+    found = encode_symmetric(convolved(kernel), image, valid, SYMMETRIES)
+    inside = (slice(1, -1), slice(1, -1))
     directions = {
-        name: torch.roll(image[:, 0], shift, dims)[inside]
-        for name, shift, dims in (
-            ("right", -1, 2),
-            ("left", 1, 2),
-            ("below", -1, 1),
-            ("above", 1, 1),
+        name: np.roll(image[0], shift, axis)[inside]
+        for name, shift, axis in (
+            ("right", -1, 1),
+            ("left", 1, 1),
+            ("below", -1, 0),
+            ("above", 1, 0),
         )
     }
     # turned a quarter counter-clockwise, the right neighbour is what lay below
     expected = ("right", "below", "left", "above", "left", "above", "right", "below")
-    for index, name in enumerate(expected):
-        assert torch.equal(found[:, index][inside], directions[name]), (index, name)
+    for plane, name in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(plane[inside], directions[name], name)
 
 
 @pytest.mark.parametrize("count", [1, 4])
 def test_fewer_symmetries_are_the_first_of_them(count: int) -> None:
     image, valid = image_and_valid()
-    weight = torch.arange(9.0).reshape(1, 1, 3, 3)
-
-    def encode(x: Tensor, mask: Tensor) -> Tensor:
-        return F.conv2d(x[:, :1], weight, padding=1)
-
+    encode = convolved(np.arange(9, dtype=np.float32).reshape(3, 3))
     few = encode_symmetric(encode, image, valid, count)
-    assert torch.equal(few, encode_symmetric(encode, image, valid, SYMMETRIES)[:, :count])
+    np.testing.assert_array_equal(few, encode_symmetric(encode, image, valid, SYMMETRIES)[:count])

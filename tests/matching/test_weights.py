@@ -11,8 +11,10 @@ from safetensors import safe_open
 from safetensors.torch import load, save
 
 from uasthn_cli.errors import WeightsError
-from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
-from uasthn_cli.matching.weights import canonical_safetensors, load_xcorr, serialise_xcorr
+from uasthn_cli.matching.architecture import XcorrArchitecture
+from uasthn_cli.matching.networks import XcorrModel
+from uasthn_cli.matching.torch_weights import load_xcorr, serialise_xcorr
+from uasthn_cli.matching.weights import canonical_safetensors
 
 ARCHITECTURE = XcorrArchitecture(feature_channels=5, widths=(4, 6, 8, 10))
 

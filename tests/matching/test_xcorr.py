@@ -9,17 +9,14 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from known_model import known_model
+from known_model import known_encoders
 from matching_scene import centred_origin, encoded, full_view, map_window, thermal_cut
 from small_flight import ground_texture
 
 from uasthn_cli.matching.appearance import CHANNELS
-from uasthn_cli.matching.networks import (
-    HALO_PX,
-    STRIDE_PX,
-    XcorrArchitecture,
-    XcorrModel,
-)
+from uasthn_cli.matching.architecture import HALO_PX, STRIDE_PX, XcorrArchitecture
+from uasthn_cli.matching.networks import XcorrModel
+from uasthn_cli.matching.torch_encoders import TorchEncoders
 from uasthn_cli.matching.xcorr import XcorrEstimator
 from uasthn_cli.seam import Aligner, Estimate, Similarity
 from uasthn_cli.types import FloatArray, MapWindow, Ortho
@@ -35,14 +32,14 @@ def locate(
     *,
     symmetries: int = 8,
 ) -> Estimate:
-    estimator = XcorrEstimator(known_model(), symmetries=symmetries)
+    estimator = XcorrEstimator(known_encoders(), symmetries=symmetries)
     views = full_view(thermal) if views_px is None else views_px
     features = encoded(estimator, window)
     return estimator.estimate(features, thermal, views, centred_origin(window, thermal))
 
 
 def test_map_features_have_a_stack_per_symmetry_and_two_of_appearance() -> None:
-    features = encoded(XcorrEstimator(known_model(), symmetries=3), map_window(GREY))
+    features = encoded(XcorrEstimator(known_encoders(), symmetries=3), map_window(GREY))
     assert features.values.shape == (3 + len(CHANNELS), 96, 144)
     brightness = (GREY / 255.0).reshape(96, 2, 144, 2).mean(axis=(1, 3))
     assert np.abs(features.values[3] - brightness).max() < 1e-3
@@ -51,7 +48,7 @@ def test_map_features_have_a_stack_per_symmetry_and_two_of_appearance() -> None:
 def test_map_features_are_zero_off_the_map() -> None:
     valid = np.ones(GREY.shape, np.bool_)
     valid[:, 201:] = False
-    features = encoded(XcorrEstimator(known_model(), symmetries=3), map_window(GREY, valid))
+    features = encoded(XcorrEstimator(known_encoders(), symmetries=3), map_window(GREY, valid))
     assert features.valid.sum() == 96 * 100
     assert (features.values[:, ~features.valid] == 0).all()
     assert (features.values[:, features.valid] != 0).any(axis=0).all()
@@ -149,7 +146,7 @@ def turned_cut(yaw_deg: float, scale: float) -> Ortho:
 @pytest.mark.parametrize(("yaw_deg", "scale"), [(0.0, 1.0), (4.0, 0.97), (-2.5, 1.05)])
 def test_convention_turn_and_scale_of_a_frame_are_seen(yaw_deg: float, scale: float) -> None:
     """Clockwise on the map is positive; the frame's own place is only about known."""
-    estimator = XcorrEstimator(known_model(), symmetries=8)
+    estimator = XcorrEstimator(known_encoders(), symmetries=8)
     window = map_window(GREY[CORNER_PX[1] - 14 : CORNER_PX[1] + 82, 100:228])
     turns, sizes = (-2.5, 0.0, 4.0), (0.97, 1.0, 1.05)
     hypotheses = [Similarity(math.radians(turn), size) for turn in turns for size in sizes]
@@ -165,7 +162,8 @@ def test_convention_turn_and_scale_of_a_frame_are_seen(yaw_deg: float, scale: fl
 def test_members_of_an_ensemble_average_their_scores() -> None:
     window, thermal = map_window(GREY), thermal_cut(GREY, CORNER_PX, SIZE_PX)
     alone, twice = (
-        XcorrEstimator(models, symmetries=1) for models in (known_model(), [known_model()] * 2)
+        XcorrEstimator(models, symmetries=1)
+        for models in (known_encoders(), [known_encoders()] * 2)
     )
     assert len(twice.encode_map(window)) == 2 * len(alone.encode_map(window)) - 2
     origin = centred_origin(window, thermal)
@@ -180,7 +178,7 @@ def test_half_a_window_is_encoded_like_the_whole() -> None:
     """Tiles rely on it: a tile's features do not depend on what lies beyond its halo."""
     torch.manual_seed(0)
     model = XcorrModel(XcorrArchitecture(feature_channels=4, widths=(6, 8, 8, 8)))
-    estimator = XcorrEstimator(model, symmetries=1)
+    estimator = XcorrEstimator(TorchEncoders(model), symmetries=1)
     window = map_window(ground_texture(6)[:256, :384])
     half = MapWindow(
         window.image[:, :256], window.valid[:, :256], window.box, window.grid, window.statistics

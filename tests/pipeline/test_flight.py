@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from known_model import known_model
+from known_model import known_encoders
 from lane_flight import SEARCH_RADIUS_M, Fused, errors_m, fused, lane_poses
 from posed_flight import HFOV_DEG, LogFaults, PosedFlight, make_posed_flight, opened, see
 from scipy.ndimage import gaussian_filter
@@ -177,7 +177,7 @@ def biased(
 ) -> tuple[PosedFlight, Fused]:
     """Return a flight with a wrong log, seen by the learned estimator with known encoders."""
     flight = make_posed_flight(folder, lane_poses(), mount_yaw_deg, faults)
-    estimator = XcorrEstimator(known_model(), symmetries=1)
+    estimator = XcorrEstimator(known_encoders(), symmetries=1)
     with opened(flight, estimator, gsd_m=2.0, **QUICK) as run:
         assert run.describe()["near_map_gsd_m"] == pytest.approx(MAP_GSD_M, rel=1e-3)
         return flight, fused(run)

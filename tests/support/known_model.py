@@ -3,7 +3,9 @@
 import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
 from torch import Tensor, nn
 
-from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
+from uasthn_cli.matching.architecture import XcorrArchitecture
+from uasthn_cli.matching.networks import XcorrModel
+from uasthn_cli.matching.torch_encoders import TorchEncoders
 
 
 class LargeScaleBrightness(nn.Module):
@@ -23,3 +25,8 @@ def known_model() -> XcorrModel:
     model.satellite_encoder = LargeScaleBrightness(3)  # type: ignore[assignment]
     model.thermal_encoder = LargeScaleBrightness(1)  # type: ignore[assignment]
     return model
+
+
+def known_encoders() -> TorchEncoders:
+    """Return :func:`known_model` as encoders."""
+    return TorchEncoders(known_model())

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uasthn_cli.matching.networks import XcorrArchitecture
+from uasthn_cli.matching.architecture import XcorrArchitecture
 from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.samples import SampleConfig
 from uasthn_cli.training.scenes import SceneSet

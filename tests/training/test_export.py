@@ -10,7 +10,7 @@ from tiny_training import tiny_config
 from uasthn_cli import __version__
 from uasthn_cli.errors import OutputError
 from uasthn_cli.matching.networks import XcorrModel
-from uasthn_cli.matching.weights import load_xcorr
+from uasthn_cli.matching.torch_weights import load_xcorr
 from uasthn_cli.training.engine import EngineConfig
 from uasthn_cli.training.export import (
     OutputPaths,

@@ -11,7 +11,8 @@ from tiny_training import TINY_SAMPLES, pattern_scenes, tiny_config
 from torch import Tensor
 
 from uasthn_cli.errors import TrainingDataError, TrainingDivergedError
-from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
+from uasthn_cli.matching.architecture import XcorrArchitecture
+from uasthn_cli.matching.networks import XcorrModel
 from uasthn_cli.training import loop
 from uasthn_cli.training.checkpoint import load_checkpoint
 from uasthn_cli.training.loop import learning_rate_at, train, train_steps, validate

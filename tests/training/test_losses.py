@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from uasthn_cli.matching.networks import STRIDE_PX
+from uasthn_cli.matching.architecture import STRIDE_PX
 from uasthn_cli.training.losses import search_loss, window_statistics
 
 ROWS, COLUMNS, CANVAS_PX = 15, 23, 20

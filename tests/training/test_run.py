@@ -10,7 +10,7 @@ import pytest
 from tiny_training import tiny_config, write_photo
 
 from uasthn_cli.errors import OutputError, TrainingDataError
-from uasthn_cli.matching.weights import load_xcorr
+from uasthn_cli.matching.torch_weights import load_xcorr
 from uasthn_cli.training import loop
 from uasthn_cli.training.run import TrainingJob, TrainingRun
 from uasthn_cli.training.scenes import RenderedShares

@@ -131,8 +131,8 @@ def _training_config(
     checkpoint_every: int,
 ) -> "TrainingConfig":
     """Return how to train, with the device and precision of this machine."""
+    from uasthn_cli.matching.architecture import XcorrArchitecture
     from uasthn_cli.matching.device import choose_device
-    from uasthn_cli.matching.networks import XcorrArchitecture
     from uasthn_cli.training.engine import engine_without
     from uasthn_cli.training.precision import use_bfloat16
     from uasthn_cli.training.samples import SampleConfig

@@ -9,9 +9,8 @@ flights by the mean log posterior at the true place.
 
 import cv2
 import numpy as np
-import torch
-from torch import Tensor
 
+from uasthn_cli.matching.correlate import sliding_sums
 from uasthn_cli.matching.ncc import (
     CELLS_PER_SAMPLE,
     LARGEST_CORRELATION,
@@ -22,7 +21,7 @@ from uasthn_cli.types import BoolArray, ImageArray
 
 CHANNELS = (NccChannel.GREY, NccChannel.GRADIENT)
 
-_EPSILON = 1e-6
+_EPSILON = np.float32(1e-6)
 
 
 def appearance_cells(grey: ImageArray, valid: BoolArray, stride_px: int) -> ImageArray:
@@ -33,43 +32,45 @@ def appearance_cells(grey: ImageArray, valid: BoolArray, stride_px: int) -> Imag
     return np.stack(cells).astype(np.float32)
 
 
-def appearance_scores(window: Tensor, valid: Tensor, template: Tensor, masks: Tensor) -> Tensor:
+def levelled_window(window: ImageArray, valid: BoolArray) -> ImageArray:
+    """Return map cells ``(2, H, W)`` less their mean; those that are not valid count as the mean."""
+    inside = valid.astype(np.float32)
+    count = np.float32(max(float(inside.sum()), 1.0))
+    mean = (window * inside).sum(axis=(1, 2), keepdims=True) / count
+    levelled: ImageArray = (window - mean) * inside
+    return levelled
+
+
+def appearance_scores(levelled: ImageArray, template: ImageArray, masks: ImageArray) -> ImageArray:
     """Return the log-likelihood ``(N, rows, columns)`` of every shift, its sign ignored.
 
-    ``window`` ``(2, H, W)`` and ``template`` ``(2, h, w)`` from :func:`appearance_cells`, ``valid``
-    ``(H, W)`` and ``masks`` ``(N, h, w)`` in {0, 1}. Night inverts contrast as it likes, so only
-    the square of the correlation counts; brightness and gradient count as independent.
+    ``levelled`` ``(2, H, W)`` from :func:`levelled_window`, ``template`` ``(2, h, w)`` from
+    :func:`appearance_cells`, ``masks`` ``(N, h, w)`` in {0, 1}. Night inverts contrast as it likes,
+    so only the square of the correlation counts; brightness and gradient count as independent.
     """
-    correlation = masked_correlation(window, valid, template, masks)
-    squared = correlation.clamp(-LARGEST_CORRELATION, LARGEST_CORRELATION) ** 2
-    samples = masks.sum(dim=(1, 2))[:, None, None] / CELLS_PER_SAMPLE
-    scores: Tensor = -0.5 * samples * torch.log1p(-squared).sum(dim=1)
+    correlation = masked_correlation(levelled, template, masks)
+    squared = np.minimum(np.abs(correlation), np.float32(LARGEST_CORRELATION)) ** 2
+    samples = masks.sum(axis=(1, 2))[:, None, None] / np.float32(CELLS_PER_SAMPLE)
+    scores: ImageArray = np.float32(-0.5) * samples * np.log1p(-squared).sum(axis=1)
     return scores
 
 
-def masked_correlation(window: Tensor, valid: Tensor, template: Tensor, masks: Tensor) -> Tensor:
+def masked_correlation(levelled: ImageArray, template: ImageArray, masks: ImageArray) -> ImageArray:
     """Return Pearson's correlation ``(N, C, rows, columns)`` under each mask at every shift.
 
-    Cells of the window that are not valid count as its mean.
+    Arguments as in :func:`appearance_scores`.
     """
-    count = valid.sum().clamp_min(1.0)
-    window = (window - (window * valid).sum(dim=(1, 2), keepdim=True) / count) * valid
-    covered = masks.sum(dim=(1, 2))[:, None, None, None].clamp_min(1.0)
-    means = (template * masks[:, None]).sum(dim=(2, 3), keepdim=True) / covered
+    channels = len(levelled)
+    covered = np.maximum(masks.sum(axis=(1, 2)), 1.0)[:, None, None, None]
+    means = (template * masks[:, None]).sum(axis=(2, 3), keepdims=True) / covered
     centred = (template - means) * masks[:, None]
-    norm = centred.flatten(2).norm(dim=2)[..., None, None]
-    size = window.shape[-2:]
-    spectrum = torch.fft.rfft2(window)
-    mask_spectrum = torch.fft.rfft2(masks, s=size).conj()[:, None]
-
-    def at_every_shift(product: Tensor) -> Tensor:
-        rows, columns = (n - m + 1 for n, m in zip(size, masks.shape[-2:], strict=True))
-        shifted: Tensor = torch.fft.irfft2(product, s=size)[..., :rows, :columns]
-        return shifted
-
-    response = at_every_shift(spectrum * torch.fft.rfft2(centred, s=size).conj())
-    total = at_every_shift(spectrum * mask_spectrum)
-    squares = at_every_shift(torch.fft.rfft2(window**2) * mask_spectrum)
-    spread = (squares - total**2 / covered).clamp_min(_EPSILON * covered)
-    correlation: Tensor = response / (norm * spread.sqrt()).clamp_min(_EPSILON)
+    norm = np.sqrt((centred**2).sum(axis=(2, 3)))[..., None, None]
+    planes = np.concatenate([levelled, levelled**2])
+    kernels = np.concatenate([centred, masks[:, None]], axis=1)
+    responses = [(channel, channel) for channel in range(channels)]
+    under_mask = [(plane, channels) for plane in range(2 * channels)]
+    sums = sliding_sums(planes, kernels, [*responses, *under_mask])
+    response, total, squares = np.split(sums, 3, axis=1)
+    spread = np.maximum(squares - total**2 / covered, _EPSILON * covered)
+    correlation: ImageArray = response / np.maximum(norm * np.sqrt(spread), _EPSILON)
     return correlation

@@ -1,87 +1,109 @@
-"""Masked, normalised cross-correlation of feature maps by FFT.
+"""Masked, normalised cross-correlation of feature maps at every shift, by FFT.
 
-Only shifts that keep the thermal canvas inside the window are scored, so a circular transform of
-the window's own size (or the next one that the FFT likes) is exact.
+A large window is cut into overlapping blocks (overlap-save), so that the cost grows with the number
+of shifts and no transform outgrows the processor's cache.
 """
 
-from typing import Any
+import math
+from collections.abc import Iterator, Sequence
 
-import torch
-import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
-from scipy.fft import next_fast_len
-from torch import Tensor
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
 
-_ENERGY_EPSILON = 1e-3
+from uasthn_cli.types import BoolArray, ImageArray
+
+ENERGY_EPSILON = 1e-3
+"""Added to the window's energy under a template: where there is hardly any, nothing correlates."""
+
+NORM_EPSILON = 1e-4
+"""Added to a template's norm."""
+
+_LARGEST_BLOCK = 320
+"""Cells: 24 transforms of twice this side take four times as long a cell."""
+
+Planes = slice | int
+"""Which planes of a stack take part."""
 
 
-def cell_mask(valid: Tensor, stride_px: int) -> Tensor:
-    """Return ``(..., h / stride, w / stride)``: 1 where every pixel of a cell is valid."""
-    pooled: Tensor = F.avg_pool2d(valid.float(), stride_px, stride_px)
-    return (pooled > 0.999).float()
+def cell_mask(valid: BoolArray, stride_px: int) -> BoolArray:
+    """Return ``(h / stride, w / stride)``: true where every pixel of a cell is valid."""
+    rows, columns = valid.shape[0] // stride_px, valid.shape[1] // stride_px
+    blocks = valid[: rows * stride_px, : columns * stride_px]
+    whole: BoolArray = blocks.reshape(rows, stride_px, columns, stride_px).all(axis=(1, 3))
+    return whole
 
 
-def normalise_template(features: Tensor, mask: Tensor) -> Tensor:
-    """Return thermal features of zero mean per channel and unit norm under a mask.
+def normalise_template(features: ImageArray, masks: ImageArray) -> ImageArray:
+    """Return features ``(C, h, w)`` under N masks ``(N, h, w)`` as templates ``(N, C, h, w)``.
 
-    ``features`` ``(B, C, h, w)``, ``mask`` ``(B, 1, h, w)``; zero outside the mask.
+    Of zero mean per channel and unit norm under each mask, zero outside.
     """
-    count = mask.sum(dim=(2, 3), keepdim=True).clamp_min(1.0)
-    centred = (features - (features * mask).sum(dim=(2, 3), keepdim=True) / count) * mask
-    norm = centred.flatten(1).norm(dim=1)[:, None, None, None]
-    normalised: Tensor = centred / (norm + 1e-4)
+    inside = masks[:, None]
+    count = np.maximum(masks.sum(axis=(1, 2)), 1.0)[:, None, None, None]
+    centred = (features - (features * inside).sum(axis=(2, 3), keepdims=True) / count) * inside
+    norm = np.sqrt((centred**2).sum(axis=(1, 2, 3)))[:, None, None, None]
+    normalised: ImageArray = (centred / (norm + NORM_EPSILON)).astype(np.float32)
     return normalised
 
 
-def correlate(window: Tensor, template: Tensor, mask: Tensor) -> Tensor:
-    """Return the normalised correlation of templates at every shift inside their window.
+def correlate(window: ImageArray, templates: ImageArray, masks: ImageArray) -> ImageArray:
+    """Return the normalised correlation ``(N, rows, columns)`` at every shift inside the window.
 
-    ``window`` ``(B, C, H, W)``; ``template`` ``(B, K, C, h, w)`` from :func:`normalise_template`,
-    ``mask`` ``(B, K, 1, h, w)``. Result ``(B, K, H - h + 1, W - w + 1)`` in about -1..1: the score
-    of the template's cell (0, 0) lying on each window cell.
+    ``window`` ``(C, H, W)``; ``templates`` ``(N, C, h, w)`` of :func:`normalise_template` under
+    ``masks`` ``(N, h, w)``. In about -1..1: the score of the template's cell (0, 0) lying on each
+    window cell; ``rows`` is ``H - h + 1``.
     """
-    size = _fast_size(window)
-    rows, columns = (n - m + 1 for n, m in zip(window.shape[-2:], template.shape[-2:], strict=True))
-    response: Tensor = _Correlation.apply(window, template)  # type: ignore[no-untyped-call]
-    energy_spectrum = torch.fft.rfft2((window**2).sum(dim=1), s=size)
-    mask_spectrum = torch.fft.rfft2(mask[:, :, 0], s=size)
-    energy = torch.fft.irfft2(energy_spectrum[:, None] * mask_spectrum.conj(), s=size)
-    scores: Tensor = response / torch.sqrt(
-        energy[..., :rows, :columns].clamp_min(0) + _ENERGY_EPSILON
-    )
+    channels = len(window)
+    planes = np.concatenate([window, (window**2).sum(axis=0, keepdims=True)])
+    kernels = np.concatenate([templates, masks[:, None]], axis=1)
+    sums = sliding_sums(planes, kernels, [(slice(channels), slice(channels)), (channels, channels)])
+    energy = np.maximum(sums[:, 1], 0) + np.float32(ENERGY_EPSILON)
+    scores: ImageArray = sums[:, 0] / np.sqrt(energy)
     return scores
 
 
-class _Correlation(torch.autograd.Function):
-    """Circular cross-correlation summed over channels.
+def sliding_sums(
+    planes: ImageArray, kernels: ImageArray, pairs: Sequence[tuple[Planes, Planes]]
+) -> ImageArray:
+    """Return sums of products ``(N, S, rows, columns)`` of planes with kernels at every shift.
 
-    PyTorch differentiates a real transform through complex ones, at twice the cost; both gradients
-    of a correlation are themselves real correlations.
+    ``planes`` ``(P, H, W)``, ``kernels`` ``(N, K, h, w)``. Each of the S ``pairs`` says which planes
+    are multiplied with which kernels, one by one, and added up.
     """
-
-    @staticmethod
-    def forward(ctx: Any, window: Tensor, template: Tensor) -> Tensor:
-        size, shape = _fast_size(window), window.shape[-2:]
-        window_spectrum = torch.fft.rfft2(window, s=size)
-        template_spectrum = torch.fft.rfft2(template, s=size)
-        ctx.save_for_backward(window_spectrum, template_spectrum)
-        ctx.size, ctx.window_shape, ctx.template_shape = size, shape, template.shape[-2:]
-        product = (window_spectrum[:, None] * template_spectrum.conj()).sum(dim=2)
-        rows, columns = (n - m + 1 for n, m in zip(shape, ctx.template_shape, strict=True))
-        response: Tensor = torch.fft.irfft2(product, s=size)[..., :rows, :columns]
-        return response
-
-    @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, Tensor]:
-        window_spectrum, template_spectrum = ctx.saved_tensors
-        spectrum = torch.fft.rfft2(gradient, s=ctx.size)[:, :, None]
-        to_window = torch.fft.irfft2((spectrum * template_spectrum).sum(dim=1), s=ctx.size)
-        height, width = ctx.window_shape
-        to_template = torch.fft.irfft2(spectrum.conj() * window_spectrum[:, None], s=ctx.size)
-        rows, columns = ctx.template_shape
-        return to_window[..., :height, :width], to_template[..., :rows, :columns]
+    height, width = kernels.shape[-2:]
+    rows, columns = planes.shape[-2] - height + 1, planes.shape[-1] - width + 1
+    (step_y, size_y), (step_x, size_x) = _block(rows, height), _block(columns, width)
+    size = (size_y, size_x)
+    conjugate = fft.rfft2(kernels, s=size)
+    np.conjugate(conjugate, out=conjugate)
+    sums = np.empty((len(kernels), len(pairs), rows, columns), np.float32)
+    for y, x in _starts(rows, step_y, columns, step_x):
+        spectrum = fft.rfft2(planes[:, y : y + size_y, x : x + size_x], s=size)
+        for k, (of_planes, of_kernels) in enumerate(pairs):
+            product = _product(spectrum[of_planes], conjugate[:, of_kernels])
+            block = fft.irfft2(product, s=size)
+            into = sums[:, k, y : y + step_y, x : x + step_x]
+            into[...] = block[:, : into.shape[1], : into.shape[2]]
+    return sums
 
 
-def _fast_size(window: Tensor) -> tuple[int, int]:
-    """Return the smallest transform size that holds the window and has small prime factors."""
-    height, width = window.shape[-2:]
-    return next_fast_len(height, real=True), next_fast_len(width, real=True)
+def _product(
+    spectrum: NDArray[np.complex64], conjugate: NDArray[np.complex64]
+) -> NDArray[np.complex64]:
+    """Return the product ``(N, …)`` of planes and kernels, summed over them if they are several."""
+    product: NDArray[np.complex64] = spectrum * conjugate
+    return product.sum(axis=1) if spectrum.ndim == 3 else product
+
+
+def _block(shifts: int, kernel: int) -> tuple[int, int]:
+    """Return how many shifts a block covers along one axis, and its transform's length."""
+    count = max(1, math.ceil(shifts / max(_LARGEST_BLOCK - kernel + 1, kernel)))
+    step = math.ceil(shifts / count)
+    return step, int(fft.next_fast_len(step + kernel - 1, real=True))
+
+
+def _starts(rows: int, step_y: int, columns: int, step_x: int) -> Iterator[tuple[int, int]]:
+    for y in range(0, rows, step_y):
+        for x in range(0, columns, step_x):
+            yield y, x

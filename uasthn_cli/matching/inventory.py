@@ -12,7 +12,8 @@ from uasthn_cli.matching.displacement.checkpoints import (
     read_safetensors,
 )
 from uasthn_cli.matching.hub import PICKLED_FILE, SAFETENSORS_FILE, sha256_of
-from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, load_xcorr
+from uasthn_cli.matching.torch_weights import load_xcorr
+from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE
 
 AUTHORS_LAYOUT = "authors' checkpoint"
 

@@ -1,33 +1,11 @@
 """Dense feature encoders of the learned cross-correlation, and the model that holds both."""
 
-from dataclasses import asdict, dataclass
-
 import torch
 import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
 from torch import Tensor, nn
 
+from uasthn_cli.matching.architecture import XcorrArchitecture
 from uasthn_cli.matching.normalise import satellite_input, thermal_input
-
-STRIDE_PX = 2
-"""Image pixels per feature cell."""
-
-TOTAL_STRIDE_PX = 16
-"""Deepest down-sampling of the encoder: sizes and tile offsets are multiples of it."""
-
-HALO_PX = 64
-"""Context around a map tile beyond which the encoder's response to change is negligible."""
-
-
-@dataclass(frozen=True, slots=True)
-class XcorrArchitecture:
-    """Sizes of the two encoders; stored with the weights."""
-
-    feature_channels: int = 24
-    widths: tuple[int, int, int, int] = (32, 64, 96, 128)
-
-    def as_metadata(self) -> dict[str, object]:
-        """Return a JSON-ready description."""
-        return asdict(self)
 
 
 class ConvolutionBlock(nn.Sequential):

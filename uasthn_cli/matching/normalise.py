@@ -9,10 +9,12 @@ import torch
 import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
 from torch import Tensor
 
-LOCAL_WINDOW_PX = 56
-_POOL_PX = 8
-_SATELLITE_EPSILON = 4e-4
-_THERMAL_EPSILON = 0.05
+from uasthn_cli.matching.architecture import (
+    LOCAL_WINDOW_PX,
+    POOL_PX,
+    SATELLITE_EPSILON,
+    THERMAL_EPSILON,
+)
 
 
 def local_mean(image: Tensor, valid: Tensor, window_px: int = LOCAL_WINDOW_PX) -> Tensor:
@@ -21,9 +23,9 @@ def local_mean(image: Tensor, valid: Tensor, window_px: int = LOCAL_WINDOW_PX) -
     ``image`` ``(B, C, H, W)``, ``valid`` ``(B, 1, H, W)`` in 0..1; a box of about ``window_px``
     computed on an eightfold reduced image, so it is cheap and the same in every map tile.
     """
-    reach = max(1, window_px // _POOL_PX // 2)
+    reach = max(1, window_px // POOL_PX // 2)
     stacked = torch.cat([image * valid, valid], dim=1)
-    reduced = F.avg_pool2d(stacked, _POOL_PX, _POOL_PX, ceil_mode=True)
+    reduced = F.avg_pool2d(stacked, POOL_PX, POOL_PX, ceil_mode=True)
     summed = F.avg_pool2d(reduced, 2 * reach + 1, 1, reach)
     smooth = F.interpolate(summed, size=image.shape[-2:], mode="bilinear", align_corners=False)
     return smooth[:, :-1] / smooth[:, -1:].clamp_min(1e-3)
@@ -44,7 +46,7 @@ def satellite_input(rgb: Tensor, valid: Tensor, mean: Tensor, deviation: Tensor)
     ``deviation`` ``(B,)`` of the whole map.
     """
     large = (rgb - mean[:, :, None, None]) / (deviation[:, None, None, None] + 1e-2) * valid
-    return torch.cat([local_contrast(rgb, valid, _SATELLITE_EPSILON), large], dim=1)
+    return torch.cat([local_contrast(rgb, valid, SATELLITE_EPSILON), large], dim=1)
 
 
 def thermal_input(thermal: Tensor, valid: Tensor) -> Tensor:
@@ -53,4 +55,4 @@ def thermal_input(thermal: Tensor, valid: Tensor) -> Tensor:
     centred = (thermal - (thermal * valid).sum(dim=(2, 3), keepdim=True) / count) * valid
     deviation = torch.sqrt((centred * centred).sum(dim=(2, 3), keepdim=True) / count)
     large = centred / (deviation + 1e-3)
-    return torch.cat([local_contrast(large, valid, _THERMAL_EPSILON), large], dim=1)
+    return torch.cat([local_contrast(large, valid, THERMAL_EPSILON), large], dim=1)

@@ -1,6 +1,7 @@
 """From a map of scores over shifts to an answer: the peak, its sub-cell place, and belief in it."""
 
 import math
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -14,6 +15,10 @@ CONFIDENCE_RADIUS_M = 25.0
 """The paper's tolerance: confidence is the posterior mass this close to the answer."""
 
 _CONFIDENCE_RADIUS_CELLS = 3.0
+
+_BOX_REACH_CELLS = 6
+_RIVAL_NATS = 12.0
+_MOST_RIVALS = 6
 
 
 def view_masks(views_px: FloatArray, valid: BoolArray, stride_px: int) -> ImageArray:
@@ -58,6 +63,34 @@ def within_reach(shape: tuple[int, int], prior_shift: FloatArray) -> BoolArray:
     radius = float(np.minimum(prior_shift, last - prior_shift).min())
     near: BoolArray = np.hypot(columns - prior_shift[0], rows - prior_shift[1]) <= radius
     return near
+
+
+def peak_boxes(scores: FloatArray) -> Iterator[tuple[slice, slice]]:
+    """Yield boxes of shifts, rows and columns, around the places that another view may prefer.
+
+    ``scores`` ``(rows, columns)`` are the whole frame's; the boxes lie around its highest local
+    maxima and do not overlap by more than their margins. Views show nearly the same, so none
+    prefers a place at which the whole frame fits much worse than at its best.
+    """
+    finite = np.isfinite(scores)
+    if not finite.any():
+        return
+    field = np.where(finite, scores, scores[finite].min()).astype(np.float32)
+    is_peak = (field >= cv2.dilate(field, np.ones((3, 3), np.uint8))) & finite
+    is_peak &= scores >= scores.max() - _RIVAL_NATS
+    rows, columns = np.nonzero(is_peak)
+    order = np.argsort(-scores[rows, columns], kind="stable")
+    taken: list[tuple[int, int]] = []
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        if all(max(abs(row - r), abs(column - c)) > _BOX_REACH_CELLS for r, c in taken):
+            taken.append((row, column))
+            yield _around(row, scores.shape[0]), _around(column, scores.shape[1])
+            if len(taken) == _MOST_RIVALS:
+                return
+
+
+def _around(index: int, length: int) -> slice:
+    return slice(max(0, index - _BOX_REACH_CELLS), min(length, index + _BOX_REACH_CELLS + 1))
 
 
 def posterior_mass(scores: FloatArray, shift: FloatArray, cell_m: float) -> float:

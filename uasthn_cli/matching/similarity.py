@@ -8,36 +8,45 @@ around the frame, and the best score of each tells how likely it is.
 import math
 from collections.abc import Sequence
 
-import torch
-import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
-from torch import Tensor
+import cv2
+import numpy as np
 
 from uasthn_cli.seam import Similarity
+from uasthn_cli.types import FloatArray, ImageArray
+
+_WHOLE = 0.999
+_NEIGHBOURHOOD = (3, 3)
+"""Interpolation smooths, and smooth features correlate better: this levels the ground."""
 
 
 def turned_features(
-    features: Tensor, mask: Tensor, hypotheses: Sequence[Similarity]
-) -> tuple[Tensor, Tensor]:
+    features: ImageArray, mask: ImageArray, hypotheses: Sequence[Similarity]
+) -> tuple[ImageArray, ImageArray]:
     """Return features turned clockwise and enlarged about their middle, and their masks.
 
-    ``features`` ``(C, h, w)``, ``mask`` ``(1, h, w)``; results ``(n, C, h, w)``, ``(n, 1, h, w)``.
+    ``features`` ``(C, h, w)``, ``mask`` ``(h, w)``; results ``(n, C, h, w)``, ``(n, h, w)``.
     """
-    height, width = features.shape[-2:]
-    y, x = torch.meshgrid(
-        torch.arange(height, device=features.device) - (height - 1) / 2,
-        torch.arange(width, device=features.device) - (width - 1) / 2,
-        indexing="ij",
-    )
-    grids = []
-    for hypothesis in hypotheses:
-        cosine = math.cos(hypothesis.yaw_rad) / hypothesis.scale
-        sine = math.sin(hypothesis.yaw_rad) / hypothesis.scale
-        source_x, source_y = cosine * x + sine * y, cosine * y - sine * x
-        grids.append(torch.stack([source_x * (2 / width), source_y * (2 / height)], dim=-1))
-    grid = torch.stack(grids).to(features)
-    # interpolation smooths, and smooth features correlate better: level the ground beforehand
-    smooth = F.avg_pool2d(features[None], 3, 1, 1)[0]
-    stacked = torch.cat([smooth, mask]).expand(len(grid), -1, -1, -1)
-    turned = F.grid_sample(stacked, grid, align_corners=False)
-    masks = (turned[:, -1:] > 0.999).to(features)
-    return turned[:, :-1], masks
+    height, width = mask.shape
+    smooth = [cv2.blur(plane, _NEIGHBOURHOOD, borderType=cv2.BORDER_CONSTANT) for plane in features]
+    shape = (len(hypotheses), len(features) + 1, height, width)
+    turned = np.empty(shape, np.float32)
+    for result, hypothesis in zip(turned, hypotheses, strict=True):
+        source = _source(hypothesis, width, height)
+        for plane, into in zip([*smooth, mask], result, strict=True):
+            cv2.warpAffine(
+                plane,
+                source,
+                (width, height),
+                dst=into,
+                flags=cv2.WARP_INVERSE_MAP | cv2.INTER_LINEAR,
+            )
+    return turned[:, :-1], (turned[:, -1] > _WHOLE).astype(np.float32)
+
+
+def _source(hypothesis: Similarity, width: int, height: int) -> FloatArray:
+    """Return the affine map ``(2, 3)`` from a turned cell to the one it shows."""
+    cosine = math.cos(hypothesis.yaw_rad) / hypothesis.scale
+    sine = math.sin(hypothesis.yaw_rad) / hypothesis.scale
+    turn = np.array([[cosine, sine], [-sine, cosine]])
+    middle = np.array([width - 1, height - 1]) / 2
+    return np.column_stack([turn, middle - turn @ middle])

@@ -5,33 +5,41 @@ an image under all eight symmetries, turning the features back and stacking them
 """
 
 from collections.abc import Callable
+from typing import TypeVar
 
-import torch
-from torch import Tensor
+import numpy as np
+from numpy.typing import NDArray
+
+from uasthn_cli.types import BoolArray, ImageArray
 
 SYMMETRIES = 8
 
+_T = TypeVar("_T", bound=np.generic)
+
 
 def encode_symmetric(
-    encode: Callable[[Tensor, Tensor], Tensor], image: Tensor, valid: Tensor, symmetries: int
-) -> Tensor:
+    encode: Callable[[ImageArray, BoolArray], ImageArray],
+    image: ImageArray,
+    valid: BoolArray,
+    symmetries: int,
+) -> ImageArray:
     """Return features of the first ``symmetries`` orientations, turned back, stacked by channel.
 
-    ``image`` ``(B, C, H, W)``, ``valid`` ``(B, 1, H, W)``; ``encode`` maps both to features.
+    ``image`` ``(…, H, W)``, ``valid`` ``(H, W)``; ``encode`` maps both to features ``(C, h, w)``.
     """
     stacked = []
     for index in range(symmetries):
         turns, mirrored = index % 4, index >= 4
         features = encode(_turn(image, turns, mirrored), _turn(valid, turns, mirrored))
         stacked.append(_turn_back(features, turns, mirrored))
-    return torch.cat(stacked, dim=1)
+    return np.concatenate(stacked)
 
 
-def _turn(x: Tensor, turns: int, mirrored: bool) -> Tensor:
-    turned = torch.rot90(x, turns, (2, 3))
-    return torch.flip(turned, (3,)) if mirrored else turned
+def _turn(x: NDArray[_T], turns: int, mirrored: bool) -> NDArray[_T]:
+    turned = np.rot90(x, turns, (-2, -1))
+    return np.ascontiguousarray(turned[..., ::-1] if mirrored else turned)
 
 
-def _turn_back(x: Tensor, turns: int, mirrored: bool) -> Tensor:
-    unmirrored = torch.flip(x, (3,)) if mirrored else x
-    return torch.rot90(unmirrored, -turns, (2, 3))
+def _turn_back(x: NDArray[_T], turns: int, mirrored: bool) -> NDArray[_T]:
+    unmirrored = x[..., ::-1] if mirrored else x
+    return np.ascontiguousarray(np.rot90(unmirrored, -turns, (-2, -1)))

@@ -1,54 +1,36 @@
 """Weights as safetensors: the architecture travels in the file's metadata, no code ever does."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import torch
+import numpy as np
+from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
 
 from uasthn_cli.errors import WeightsError
-from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
+from uasthn_cli.matching.architecture import XcorrArchitecture
+from uasthn_cli.types import ImageArray
 
 BUNDLED_XCORR = Path(__file__).parent.parent / "weights" / "xcorr.safetensors"
-BUNDLED_ENSEMBLE = (
-    BUNDLED_XCORR,
-    BUNDLED_XCORR.with_name("xcorr-2.safetensors"),
-    BUNDLED_XCORR.with_name("xcorr-3.safetensors"),
-)
-_FORMAT = "uasthn-xcorr-2"
+BUNDLED_ENSEMBLE = tuple(BUNDLED_XCORR.with_name(f"xcorr-{k}.safetensors") for k in (1, 2, 3))
+"""Larger networks than :data:`BUNDLED_XCORR`, which learned its features from the first of them."""
+
+XCORR_FORMAT = "uasthn-xcorr-2"
 
 
 @dataclass(frozen=True, slots=True)
-class LoadedXcorr:
-    """A model ready for inference and the notes that its training left in the file."""
+class XcorrWeights:
+    """A weights file: both encoders' tensors (float32) by name, and the notes of its training."""
 
-    model: XcorrModel
-    notes: dict[str, str]
-
-
-def serialise_xcorr(model: XcorrModel, notes: dict[str, str]) -> bytes:
-    """Return a weights file's content; floats are stored in half precision to keep it small.
-
-    Equal weights and notes give equal bytes.
-    """
-    tensors = {
-        name: (value.half() if value.is_floating_point() and value.ndim > 1 else value)
-        .detach()
-        .cpu()
-        .contiguous()
-        for name, value in model.state_dict().items()
-    }
-    metadata = {
-        "format": _FORMAT,
-        "architecture": json.dumps(model.architecture.as_metadata(), sort_keys=True),
-        **notes,
-    }
-    return canonical_safetensors(bytes(save(tensors, metadata)))
+    architecture: XcorrArchitecture
+    tensors: Mapping[str, ImageArray]
+    notes: Mapping[str, str]
 
 
-def load_xcorr(path: Path) -> LoadedXcorr:
+def read_xcorr(path: Path) -> XcorrWeights:
     """Read a weights file written by ``uasthn train``.
 
     Raises:
@@ -57,26 +39,28 @@ def load_xcorr(path: Path) -> LoadedXcorr:
     if not path.is_file():
         raise WeightsError(f"{path}: no such weights file; give --weights a .safetensors file")
     try:
-        with safe_open(path, framework="pt") as file:
+        with safe_open(path, framework="np") as file:
             metadata = dict(file.metadata() or {})
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
+            tensors = {name: _as_float(file.get_tensor(name)) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, TypeError) as error:
         raise WeightsError(f"{path}: not a readable safetensors file ({error})") from error
-    if metadata.get("format") != _FORMAT:
+    if metadata.get("format") != XCORR_FORMAT:
         raise WeightsError(
-            f"{path}: these weights are not for the xcorr estimator of this version ({_FORMAT})"
+            f"{path}: these weights are not for the xcorr estimator of this version"
+            f" ({XCORR_FORMAT})"
         )
     try:
         stored = json.loads(metadata["architecture"])
-        w1, w2, w3, w4 = stored["widths"]
-        architecture = XcorrArchitecture(
-            int(stored["feature_channels"]), (int(w1), int(w2), int(w3), int(w4))
-        )
-        model = XcorrModel(architecture)
-        model.load_state_dict({name: _as_float(value) for name, value in tensors.items()})
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise WeightsError(f"{path}: weights do not fit their stated architecture") from error
-    return LoadedXcorr(model.eval(), metadata)
+        w1, w2, w3, w4 = (int(width) for width in stored["widths"])
+        architecture = XcorrArchitecture(int(stored["feature_channels"]), (w1, w2, w3, w4))
+    except (KeyError, TypeError, ValueError) as error:
+        raise weights_misfit(path) from error
+    return XcorrWeights(architecture, tensors, metadata)
+
+
+def weights_misfit(path: Path) -> WeightsError:
+    """Return the error of a file whose tensors are not those of the network it names."""
+    return WeightsError(f"{path}: weights do not fit their stated architecture")
 
 
 def canonical_safetensors(content: bytes) -> bytes:
@@ -92,5 +76,5 @@ def canonical_safetensors(content: bytes) -> bytes:
     return len(text).to_bytes(8, "little") + text + content[8 + length :]
 
 
-def _as_float(value: torch.Tensor) -> torch.Tensor:
-    return value.float() if value.is_floating_point() else value
+def _as_float(value: NDArray[Any]) -> ImageArray:
+    return value.astype(np.float32)

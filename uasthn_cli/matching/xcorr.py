@@ -1,31 +1,48 @@
 """The default estimator: learned cross-correlation over all shifts, brightness beside it."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from uasthn_cli.config import DEFAULT_SYMMETRIES
 from uasthn_cli.errors import WeightsError
-from uasthn_cli.matching.appearance import CHANNELS, appearance_cells, appearance_scores
-from uasthn_cli.matching.correlate import cell_mask
+from uasthn_cli.matching.appearance import (
+    CHANNELS,
+    appearance_cells,
+    appearance_scores,
+    levelled_window,
+)
+from uasthn_cli.matching.architecture import HALO_PX, STRIDE_PX
+from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template, sliding_sums
 from uasthn_cli.matching.device import choose_device
-from uasthn_cli.matching.member import Member
+from uasthn_cli.matching.encoders import Encoders, open_encoders
 from uasthn_cli.matching.ncc import luma
-from uasthn_cli.matching.networks import HALO_PX, STRIDE_PX, XcorrModel
 from uasthn_cli.matching.search import (
     MIN_OVERLAP,
     best_shift,
+    peak_boxes,
     posterior_mass,
     view_masks,
     within_reach,
 )
-from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR, load_xcorr
+from uasthn_cli.matching.similarity import turned_features
+from uasthn_cli.matching.symmetries import encode_symmetric
+from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR
 from uasthn_cli.seam import Estimate, Similarity
-from uasthn_cli.types import FloatArray, MapFeatures, MapWindow, Ortho
+from uasthn_cli.types import (
+    BoolArray,
+    FloatArray,
+    ImageArray,
+    MapFeatures,
+    MapStatistics,
+    MapWindow,
+    Ortho,
+)
 
 
 class XcorrEstimator:
@@ -37,40 +54,40 @@ class XcorrEstimator:
 
     def __init__(
         self,
-        models: XcorrModel | Sequence[XcorrModel],
+        encoders: Encoders | Sequence[Encoders],
         *,
-        device: str = "cpu",
         symmetries: int = DEFAULT_SYMMETRIES,
         appearance: bool = True,
     ) -> None:
-        """Use one trained model, or several whose scores are averaged, on a device.
+        """Use one trained network, or several whose scores are averaged.
 
         ``symmetries`` (1 to 8) are shared out among the members, at least one to each. Without
         ``appearance`` brightness and gradient have no say.
         """
+        self._members = list(encoders) if isinstance(encoders, Sequence) else [encoders]
+        self._symmetries = max(1, symmetries // len(self._members))
         self._appearance = appearance
-        self._device = torch.device(device)
-        chosen = [models] if isinstance(models, XcorrModel) else list(models)
-        share = max(1, symmetries // len(chosen))
-        self._members = [Member(model, self._device, share) for model in chosen]
 
-    @torch.inference_mode()
+    @property
+    def encoding_id(self) -> str:
+        """Equal strings mean equal map features of equal windows."""
+        networks = "+".join(member.identity for member in self._members)
+        return f"xcorr-1 {networks} {self._symmetries} {self._appearance}"
+
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
         """Return map features ``(C + 2, h / 2, w / 2)`` of all members, zero where not valid.
 
         The last two are brightness and gradient, if these have a say.
         """
-        rgb = torch.from_numpy(window.image).permute(2, 0, 1)[None].to(self._device)
-        valid = torch.from_numpy(window.valid).float()[None, None].to(self._device)
-        learned = [m.encode_map(rgb, valid, window.statistics)[0] for m in self._members]
-        layers = [features.cpu().numpy() for features in learned]
+        rgb = np.ascontiguousarray(window.image.transpose(2, 0, 1))
+        layers = []
+        for member in self._members:
+            encode = partial(_satellite, member, window.statistics)
+            layers.append(encode_symmetric(encode, rgb, window.valid, self._symmetries))
         if self._appearance:
-            whole = cell_mask(valid, STRIDE_PX)[0].cpu().numpy()
-            layers.append(appearance_cells(luma(window.image), window.valid, STRIDE_PX) * whole)
-        stacked: NDArray[np.float32] = np.concatenate(layers)
-        return stacked
+            layers.append(appearance_cells(luma(window.image), window.valid, STRIDE_PX))
+        return np.concatenate(layers) * cell_mask(window.valid, STRIDE_PX)
 
-    @torch.inference_mode()
     def estimate(
         self,
         features: MapFeatures,
@@ -79,27 +96,30 @@ class XcorrEstimator:
         origin_px: FloatArray,
         evidence: FloatArray | None = None,
     ) -> Estimate:
-        """Return each view at its best shift inside the window."""
-        image, valid = self._tensors(thermal)
-        cells = cell_mask(valid, STRIDE_PX)[0, 0].bool().cpu().numpy()
-        masks = torch.from_numpy(view_masks(views_px, cells, STRIDE_PX))[:, None].to(self._device)
-        scores = self._average(
-            member.scores(window, image, valid, masks) for member, window in self._windows(features)
-        )
-        if self._appearance:
-            scores = scores + self._appearance_scores(features, thermal, masks)
-        if evidence is not None:
-            scores = scores + evidence
-        overlap = self._overlap(features, masks)
-        prior_shift = origin_px / STRIDE_PX
-        allowed = (overlap >= MIN_OVERLAP) & within_reach(scores.shape[1:], prior_shift)
-        scores = np.where(allowed, scores, -np.inf)
-        shifts = np.stack([best_shift(view, otherwise=prior_shift) for view in scores])
-        found = views_px + shifts[:, None] * STRIDE_PX
-        confidence = posterior_mass(scores[0], shifts[0], STRIDE_PX * thermal.gsd_m)
-        return Estimate(found, confidence, scores[0])
+        """Return each view at its best shift inside the window.
 
-    @torch.inference_mode()
+        Only the first view is scored everywhere; the others where it found something.
+        """
+        masks = view_masks(views_px, cell_mask(thermal.valid, STRIDE_PX), STRIDE_PX)
+        search = self._search(features, thermal)
+        prior_shift = origin_px / STRIDE_PX
+        reachable = within_reach(search.shape, prior_shift)
+        if evidence is None:
+            evidence = np.zeros(search.shape)
+        everywhere = (slice(0, search.shape[0]), slice(0, search.shape[1]))
+        whole = search.scores(masks[:1], everywhere)[0] + evidence
+        whole = np.where(reachable, whole, -np.inf)
+        shifts = [best_shift(whole, otherwise=prior_shift)]
+        if len(masks) > 1:
+            found = _Peaks(len(masks) - 1, prior_shift)
+            for box in peak_boxes(whole):
+                scores = search.scores(masks[1:], box) + evidence[box]
+                found.take(np.where(reachable[box], scores, -np.inf), box)
+            shifts.extend(found.shifts)
+        corners = views_px + np.stack(shifts)[:, None] * STRIDE_PX
+        confidence = posterior_mass(whole, shifts[0], STRIDE_PX * thermal.gsd_m)
+        return Estimate(corners, confidence, whole)
+
     def fit_scores(
         self,
         features: MapFeatures,
@@ -107,52 +127,112 @@ class XcorrEstimator:
         origin_px: FloatArray,
         hypotheses: Sequence[Similarity],
     ) -> FloatArray:
-        """Return the best score of the learned features ``(n,)`` near the prior."""
-        image, valid = self._tensors(thermal)
-        scores = self._average(
-            member.turned_scores(window, image, valid, hypotheses)
-            for member, window in self._windows(features)
-        )
-        near = within_reach((scores.shape[-2], scores.shape[-1]), origin_px / STRIDE_PX)
-        best: FloatArray = scores[:, near].max(axis=1)
+        """Return the best score of the learned features ``(n,)`` near the prior.
+
+        One orientation is enough here: the place is known.
+        """
+        cells = cell_mask(thermal.valid, STRIDE_PX).astype(np.float32)
+        scores = []
+        for member, window in self._windows(features):
+            encoded = member.thermal(thermal.image, thermal.valid)
+            turned, masks = turned_features(encoded, cells, hypotheses)
+            templates = _templates(turned, masks)
+            first = window[: member.channels]
+            scores.append(correlate(first, templates, masks) * member.temperature)
+        averaged = np.mean(scores, axis=0, dtype=np.float64)
+        near = within_reach(averaged.shape[1:], origin_px / STRIDE_PX)
+        best: FloatArray = averaged[:, near].max(axis=1)
         return best
 
-    def _windows(self, features: MapFeatures) -> Iterator[tuple[Member, torch.Tensor]]:
-        """Yield each member with its map features ``(1, channels, h, w)``."""
+    def _search(self, features: MapFeatures, thermal: Ortho) -> "_Search":
+        """Return a frame and a window, encoded."""
+        frames = []
+        for member, window in self._windows(features):
+            encoded = encode_symmetric(
+                member.thermal, thermal.image, thermal.valid, self._symmetries
+            )
+            frames.append(_Encoded(window, encoded, member.temperature))
+        levelled = cells = None
+        if self._appearance:
+            own = features.values[-len(CHANNELS) :].astype(np.float32)
+            levelled = levelled_window(own, features.valid)
+            cells = appearance_cells(thermal.image, thermal.valid, STRIDE_PX)
+        return _Search(frames, features.valid, levelled, cells)
+
+    def _windows(self, features: MapFeatures) -> Iterator[tuple[Encoders, ImageArray]]:
+        """Yield each member with its map features ``(channels, h, w)``."""
         first = 0
         for member in self._members:
-            own = features.values[first : first + member.channels]
-            yield member, torch.from_numpy(own).to(self._device, torch.float32)[None]
-            first += member.channels
+            last = first + self._symmetries * member.channels
+            yield member, features.values[first:last].astype(np.float32, copy=False)
+            first = last
 
-    def _average(self, scores: Iterable[torch.Tensor]) -> FloatArray:
-        """Return the members' mean scores."""
-        return torch.stack(list(scores)).double().mean(dim=0).cpu().numpy()
 
-    def _tensors(self, thermal: Ortho) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return image and mask ``(1, 1, h, w)``."""
-        image = torch.from_numpy(thermal.image)[None, None].to(self._device)
-        return image, torch.from_numpy(thermal.valid).float()[None, None].to(self._device)
+@dataclass(frozen=True, slots=True)
+class _Encoded:
+    """One member's features of the window ``(C, H, W)`` and of the frame ``(C, h, w)``."""
 
-    def _appearance_scores(
-        self, features: MapFeatures, thermal: Ortho, masks: torch.Tensor
-    ) -> FloatArray:
-        """Return what brightness and gradient say of every shift ``(N, rows, columns)``."""
-        window = torch.from_numpy(features.values[-len(CHANNELS) :]).to(self._device, torch.float32)
-        valid = torch.from_numpy(features.valid).to(self._device, torch.float32)
-        cells = appearance_cells(thermal.image, thermal.valid, STRIDE_PX)
-        template = torch.from_numpy(cells).to(self._device)
-        scores = appearance_scores(window, valid, template, masks[:, 0])
-        return scores.double().cpu().numpy()
+    window: ImageArray
+    frame: ImageArray
+    temperature: float
 
-    def _overlap(self, features: MapFeatures, masks: torch.Tensor) -> FloatArray:
-        """Return the share of each view ``(N, rows, columns)`` that falls on valid map."""
-        valid = torch.from_numpy(features.valid).to(self._device, torch.float32)
-        if bool(valid.all()):
-            return np.ones(1)
-        counts = torch.nn.functional.conv2d(valid[None, None], masks)[0]
-        share = counts / masks.sum(dim=(1, 2, 3)).clamp_min(1.0)[:, None, None]
-        return share.double().cpu().numpy()
+
+class _Search:
+    """Log-likelihoods of shifts of one frame in one window."""
+
+    def __init__(
+        self,
+        members: Sequence[_Encoded],
+        valid: BoolArray,
+        levelled: ImageArray | None,
+        cells: ImageArray | None,
+    ) -> None:
+        """Keep what was encoded; ``levelled`` and ``cells`` are brightness and gradient, if any."""
+        self._members, self._levelled, self._cells = members, levelled, cells
+        self._valid = None if valid.all() else valid.astype(np.float32)[None]
+        rows, columns = members[0].frame.shape[1:]
+        self._last = (rows - 1, columns - 1)
+        self.shape = (valid.shape[0] - self._last[0], valid.shape[1] - self._last[1])
+
+    def scores(self, masks: ImageArray, box: tuple[slice, slice]) -> FloatArray:
+        """Return the scores ``(N, rows, columns)`` of views at the shifts in a box.
+
+        ``masks`` ``(N, h, w)``; -inf where a view lies too far beyond valid map.
+        """
+        under = (
+            slice(None),
+            slice(box[0].start, box[0].stop + self._last[0]),
+            slice(box[1].start, box[1].stop + self._last[1]),
+        )
+        learned = [
+            correlate(one.window[under], normalise_template(one.frame, masks), masks)
+            * np.float32(one.temperature)
+            for one in self._members
+        ]
+        scores = np.mean(learned, axis=0, dtype=np.float64)
+        if self._levelled is not None and self._cells is not None:
+            scores += appearance_scores(self._levelled[under], self._cells, masks)
+        if self._valid is None:
+            return np.asarray(scores)
+        covered = sliding_sums(self._valid[under], masks[:, None], [(0, 0)])[:, 0]
+        share = covered / np.maximum(masks.sum(axis=(1, 2)), 1.0)[:, None, None]
+        return np.where(share >= MIN_OVERLAP, scores, -np.inf)
+
+
+class _Peaks:
+    """The best shifts of views among boxes that are scored one after another."""
+
+    def __init__(self, views: int, otherwise: FloatArray) -> None:
+        self.shifts = [otherwise] * views
+        self._best = np.full(views, -np.inf)
+
+    def take(self, scores: FloatArray, box: tuple[slice, slice]) -> None:
+        """Heed scores ``(views, rows, columns)`` of a box of shifts."""
+        for view, own in enumerate(scores):
+            best = float(own.max())
+            if best > self._best[view]:
+                corner = np.array([box[1].start, box[0].start], np.float64)
+                self._best[view], self.shifts[view] = best, best_shift(own) + corner
 
 
 def open_xcorr(
@@ -174,7 +254,22 @@ def open_xcorr(
     if ensemble and weights:
         raise WeightsError("--ensemble is of the weights in the box; leave out --weights")
     paths = BUNDLED_ENSEMBLE if ensemble else (weights or (BUNDLED_XCORR,))
-    models = [load_xcorr(path).model for path in paths]
-    return XcorrEstimator(
-        models, device=choose_device(device), symmetries=symmetries, appearance=appearance
+    chosen = choose_device(device)
+    encoders = [open_encoders(path, chosen) for path in paths]
+    return XcorrEstimator(encoders, symmetries=symmetries, appearance=appearance)
+
+
+def _satellite(
+    member: Encoders, statistics: MapStatistics, rgb: ImageArray, valid: BoolArray
+) -> ImageArray:
+    return member.satellite(rgb, valid, statistics)
+
+
+def _templates(turned: ImageArray, masks: ImageArray) -> ImageArray:
+    """Return each hypothesis's features ``(n, C, h, w)`` as a template under its own mask."""
+    return np.concatenate(
+        [
+            normalise_template(features, mask[None])
+            for features, mask in zip(turned, masks, strict=True)
+        ]
     )

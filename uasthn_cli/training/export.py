@@ -7,7 +7,7 @@ from pathlib import Path
 from uasthn_cli import __version__
 from uasthn_cli.errors import OutputError
 from uasthn_cli.matching.networks import XcorrModel
-from uasthn_cli.matching.weights import serialise_xcorr
+from uasthn_cli.matching.torch_weights import serialise_xcorr
 from uasthn_cli.outputs import atomic
 from uasthn_cli.training.loop import Validation
 from uasthn_cli.training.scenes import ImageSource, RenderedShares

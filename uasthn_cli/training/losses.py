@@ -4,8 +4,9 @@ import torch
 import torch.nn.functional as F  # noqa: N812 (the name everyone knows)
 from torch import Tensor
 
-from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template
-from uasthn_cli.matching.networks import STRIDE_PX, XcorrModel
+from uasthn_cli.matching.architecture import STRIDE_PX
+from uasthn_cli.matching.networks import XcorrModel
+from uasthn_cli.training.correlate import cell_mask, correlate, normalise_template
 
 TARGET_SIGMA_CELLS = 0.8
 

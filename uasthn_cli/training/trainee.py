@@ -12,9 +12,10 @@ from torch import nn
 
 from uasthn_cli.config import TrainingDefaults
 from uasthn_cli.errors import TrainingDataError
+from uasthn_cli.matching.architecture import XcorrArchitecture
 from uasthn_cli.matching.memory import keep_freed_memory
-from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
-from uasthn_cli.matching.weights import load_xcorr
+from uasthn_cli.matching.networks import XcorrModel
+from uasthn_cli.matching.torch_weights import load_xcorr
 from uasthn_cli.training.checkpoint import (
     XCORR_OPTIONS,
     TrainingState,
