@@ -285,3 +285,29 @@ def test_where_nothing_was_seen_scores_elsewhere_are_neutral() -> None:
     nothing = scores_elsewhere(np.full((4, 5), -np.inf), lattice, lattice, (3, 7))
     assert not nothing.any()
     assert nothing.shape == (3, 7)
+
+
+@given(
+    seed=st.integers(0, 99),
+    answer_m=st.tuples(st.floats(-90.0, 90.0), st.floats(-90.0, 90.0)),
+    cell_m=st.sampled_from([1.0, 4.0, 12.0]),
+)
+def test_a_summary_is_the_sum_over_all_cells(
+    seed: int, answer_m: tuple[float, float], cell_m: float
+) -> None:
+    """An answer may lie beside the grid."""
+    posterior = np.random.default_rng(seed).random((15, 15)) ** 9
+    posterior /= posterior.sum()
+    centre_m = np.array([7.0, -3.0])
+    found = summarise_posterior(posterior, cell_m, centre_m, np.array(answer_m))
+    east, north = cell_offsets_m(15, cell_m, centre_m)
+    east, north = east - answer_m[0], north - answer_m[1]
+    squared = east**2 + north**2
+    near = posterior * (squared <= max(TOLERANCE_M, 3 * cell_m) ** 2)
+    weights = near / max(near.sum(), 1e-12)
+    across = (weights * east * north).sum()
+    square = [[(weights * east**2).sum(), across], [across, (weights * north**2).sum()]]
+    assert found.confidence == pytest.approx(min(1.0, near.sum()))
+    assert found.sigma_m == pytest.approx(math.sqrt((posterior * squared).sum() / 2))
+    assert found.entropy_nats == pytest.approx(-(posterior * np.log(posterior)).sum())
+    assert found.covariance_m2 == pytest.approx(np.array(square) + np.eye(2) * cell_m**2 / 12)
