@@ -191,8 +191,7 @@ class OffsetLikelihood:
 
     ``levels`` ``(n, n)`` uint8, 0 where it fits best: rows go south, columns east, ``cell_m``
     apart; the middle one is the prior moved by ``centre_m`` ``(2,)`` (east, north). Level ``k``
-    stands for a log-likelihood of ``LEAST_LOG * (k / 255)²``: what is likely is told apart finely,
-    and a log-likelihood ``l`` is off by at most ``0.031 sqrt(-l)``.
+    is a log-likelihood of ``LEAST_LOG * (k / 255)²``: one of ``l`` is off by ``0.031 sqrt(-l)``.
     """
 
     levels: NDArray[np.uint8]
