@@ -18,6 +18,9 @@ FloatArray = NDArray[np.float64]
 ImageArray = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
 
+LEAST_LOG = -60.0  # log-likelihoods below are equally impossible
+LOG_OF_LEVEL: ImageArray = (LEAST_LOG * (np.arange(256) / 255.0) ** 2).astype(np.float32)
+
 
 class Reason(StrEnum):
     """Why a frame was rejected, or has no estimate at all."""
@@ -186,13 +189,27 @@ class MapFeatures:
 class OffsetLikelihood:
     """How well a frame fits the map for every error of its prior's position.
 
-    ``log_likelihood`` ``(n, n)`` float16, largest 0: rows go south, columns east, ``cell_m`` apart;
-    the middle one is the prior moved by ``centre_m`` ``(2,)`` (east, north).
+    ``levels`` ``(n, n)`` uint8, 0 where it fits best: rows go south, columns east, ``cell_m``
+    apart; the middle one is the prior moved by ``centre_m`` ``(2,)`` (east, north). Level ``k``
+    is a log-likelihood of ``LEAST_LOG * (k / 255)²``: one of ``l`` is off by ``0.031 sqrt(-l)``.
     """
 
-    log_likelihood: NDArray[np.float16]
+    levels: NDArray[np.uint8]
     cell_m: float
     centre_m: FloatArray
+
+    @classmethod
+    def of(
+        cls, log_likelihood: NDArray[np.floating[Any]], cell_m: float, centre_m: FloatArray
+    ) -> "OffsetLikelihood":
+        """Return log-likelihoods ``(n, n)``, largest 0, rounded to their levels."""
+        steps = np.sqrt(np.clip(np.asarray(log_likelihood) / LEAST_LOG, 0.0, 1.0)) * 255.0
+        return cls(np.rint(steps).astype(np.uint8), cell_m, centre_m)
+
+    @property
+    def log_likelihood(self) -> ImageArray:
+        """Log-likelihoods ``(n, n)``, largest 0."""
+        return LOG_OF_LEVEL[self.levels]
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,9 +19,8 @@ CLOCK = Constant(0.75, 0.1, 9)
 
 def survey_with(constants: FlightConstants) -> Survey:
     """Return a flight of no frames that taught this."""
-    nothing = np.zeros((0, 1, 1))
     grid = OffsetGrid(1, 1.0)
-    return Survey((), np.zeros(0), np.zeros((0, 2)), nothing, grid, 3.0, constants, ())
+    return Survey((), np.zeros(0), np.zeros((0, 2)), [], grid, 3.0, constants, ())
 
 
 def test_each_certain_constant_is_a_line_with_its_option() -> None:

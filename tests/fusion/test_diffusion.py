@@ -19,8 +19,8 @@ def seen(offset_m: FloatArray) -> OffsetLikelihood:
     """Return a likelihood around an offset."""
     steps = (np.arange(SIZE) - SIZE // 2) * CELL_M
     squared = (steps[None, :] - offset_m[0]) ** 2 + (-steps[:, None] - offset_m[1]) ** 2
-    values = np.maximum(-0.5 * squared / SIGMA_M**2, -60.0)
-    return OffsetLikelihood((values - values.max()).astype(np.float16), CELL_M, np.zeros(2))
+    values = -0.5 * squared / SIGMA_M**2
+    return OffsetLikelihood.of(values - values.max(), CELL_M, np.zeros(2))
 
 
 def wandering(diffusion: float, count: int = 60, seed: int = 0) -> list[OffsetLikelihood]:

@@ -19,6 +19,7 @@ from frame_results import (
 
 from uasthn_cli.errors import OutputError
 from uasthn_cli.outputs.journal import JOURNAL_NAME, LOCATED, NEAR_LOOKS, Journal
+from uasthn_cli.outputs.result_json import encode_located
 from uasthn_cli.outputs.table import frames_csv
 from uasthn_cli.types import FrameResult, NearLook
 
@@ -86,6 +87,27 @@ def test_a_second_look_is_read_back_to_the_bit(tmp_path: Path) -> None:
             assert theirs.log_likelihood.tobytes() == mine.log_likelihood.tobytes()
             assert theirs.centre_m.tolist() == mine.centre_m.tolist()
             assert theirs.cell_m == mine.cell_m
+
+
+def test_entries_are_read_when_asked_for_while_others_are_written(tmp_path: Path) -> None:
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        journal.append(make_located("1.png"))
+        first = journal.finished["1.png"]
+        journal.append(make_located("2.png", likelihood=None))
+        assert journal.finished["1.png"] is not first, "memory keeps none"
+        assert encode_located(journal.finished["1.png"]) == encode_located(make_located("1.png"))
+        assert journal.finished["2.png"].likelihood is None
+        with pytest.raises(KeyError):
+            journal.finished["3.png"]
+    assert finished_names(tmp_path) == ["1.png", "2.png"]
+
+
+def test_a_line_that_changes_under_way_is_a_clear_error(tmp_path: Path) -> None:
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        journal.append(make_located("1.png"))
+        flip_a_digit(tmp_path / JOURNAL_NAME, 1)
+        with pytest.raises(OutputError, match="can no longer be read"):
+            journal.finished["1.png"]
 
 
 def test_an_entry_of_the_other_kind_is_not_taken_over(tmp_path: Path) -> None:
@@ -208,3 +230,30 @@ def test_frames_finished_before_a_kill_survive_it(tmp_path: Path) -> None:
     with Journal(tmp_path, "f", LOCATED) as journal:
         latitudes = [getattr(entry.result, "lat_deg", None) for entry in journal.finished.values()]
     assert latitudes == [k / 3 for k in range(5)]
+
+
+def flip_a_digit(path: Path, line_number: int) -> None:
+    """Change one digit in the middle of a line."""
+    lines = path.read_bytes().splitlines(keepends=True)
+    line = bytearray(lines[line_number])
+    place = next(k for k in range(len(line) // 2, len(line)) if line[k : k + 1].isdigit())
+    line[place] = ord("7") if line[place] != ord("7") else ord("3")
+    lines[line_number] = bytes(line)
+    path.write_bytes(b"".join(lines))
+
+
+@pytest.mark.parametrize("damaged", [1, 2, 3])
+def test_a_line_with_one_flipped_digit_is_computed_anew_and_the_others_stay(
+    tmp_path: Path, damaged: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    names = ["1.png", "2.png", "3.png"]
+    with Journal(tmp_path, "f", LOCATED) as journal:
+        for name in names:
+            journal.append(make_located(name))
+    flip_a_digit(tmp_path / JOURNAL_NAME, damaged)
+    missing = names[damaged - 1]
+    with caplog.at_level(logging.WARNING), Journal(tmp_path, "f", LOCATED) as journal:
+        assert list(journal.finished) == [name for name in names if name != missing]
+        journal.append(make_located(missing))
+    assert "1 damaged lines" in caplog.text
+    assert sorted(finished_names(tmp_path)) == names

@@ -71,21 +71,19 @@ def test_convention_a_prior_moves_east_and_north(east_m: float, north_m: float) 
 def hill(grid: OffsetGrid, column: int, centre_m: tuple[float, float]) -> OffsetLikelihood:
     steps = np.arange(grid.size)
     values = -0.5 * ((steps[None, :] - column) ** 2 + (steps[:, None] - grid.half) ** 2) / 4.0
-    return OffsetLikelihood(
-        np.maximum(values, -60.0).astype(np.float16), grid.cell_m, np.array(centre_m)
-    )
+    return OffsetLikelihood.of(values, grid.cell_m, np.array(centre_m))
 
 
 WIDE, NEAR = OffsetGrid(20, 4.0), OffsetGrid(12, 0.5)
 
 
 def survey_of(*offsets_m: tuple[float, float]) -> Survey:
-    posterior = np.exp(hill(WIDE, WIDE.half, (0.0, 0.0)).log_likelihood.astype(np.float64))
+    posterior = np.exp(hill(WIDE, WIDE.half, (0.0, 0.0)).log_likelihood)
     return Survey(
         frames=(),
         times_s=np.arange(float(len(offsets_m))),
         offsets_m=np.array(offsets_m),
-        posteriors=np.stack([posterior / posterior.sum()] * len(offsets_m)),
+        posteriors=[posterior / posterior.sum()] * len(offsets_m),
         grid=WIDE,
         diffusion_m_per_sqrt_s=0.5,
         constants=FlightConstants(),

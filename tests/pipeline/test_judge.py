@@ -46,9 +46,9 @@ def judge(calibrated: Calibration | None = None, **settings: object) -> Judge:
 
 def peak(east_cells: int) -> OffsetLikelihood:
     """Return a likelihood of one cell of 4 m."""
-    values = np.full((21, 21), -60.0, np.float16)
+    values = np.full((21, 21), -60.0)
     values[10, 10 + east_cells] = 0.0
-    return OffsetLikelihood(values, 4.0, np.zeros(2))
+    return OffsetLikelihood.of(values, 4.0, np.zeros(2))
 
 
 def single(judged: Judge, offset_m: FloatArray | None = None) -> Trust:

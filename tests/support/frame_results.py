@@ -104,7 +104,7 @@ def make_fused(name: str = "a.png", **changes: Any) -> Fix:
 def make_likelihood(size: int = 5, seed: int = 0) -> OffsetLikelihood:
     """Return a likelihood of noise."""
     noise = np.random.default_rng(seed).uniform(-60.0, 0.0, (size, size))
-    return OffsetLikelihood(noise.astype(np.float16), 2.5, np.array([1.5, -0.75]))
+    return OffsetLikelihood.of(noise, 2.5, np.array([1.5, -0.75]))
 
 
 def make_located(name: str = "a.png", **changes: Any) -> Located:

@@ -83,16 +83,16 @@ def _finish(run: Run, journals: Journals, fuse: bool) -> Outcome:
     names = [entry.frame.name for entry in run.priors.results]
     kept = frozenset(journals.located.finished)
     write_s = _fill("geo-tagging", len(names), journals.located, run.locate(kept))
-    located = [journals.located.finished[name] for name in names]
-    survey = run.survey(located) if fuse else None
+    alone = journals.located.finished
+    survey = run.survey(alone[name] for name in names) if fuse else None
     if survey is None:
-        results = [entry.result for entry in located]
+        results = [alone[name].result for name in names]
         has_no_scores = fuse and any(isinstance(result, Fix) for result in results)
         return Outcome(results, write_s, said=[_UNFUSED] if has_no_scores else [])
     seen = frozenset(journals.near.finished)
     again = run.look_again(survey, seen)
     write_s += _fill("looking again", len(survey.frames), journals.near, again)
-    results = run.fuse(located, survey, journals.near.finished)
+    results = run.fuse((alone[name] for name in names), survey, journals.near.finished)
     return Outcome(results, write_s, flight_record(survey), flight_lines(run.camera, survey))
 
 

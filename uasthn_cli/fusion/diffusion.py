@@ -30,7 +30,6 @@ def fit_diffusion(
     largest = speed_m_s * float(np.median(steps_s)) ** 0.5
     within = [value for value in CANDIDATES_M_PER_SQRT_S if value <= largest]
     candidates = within or [CANDIDATES_M_PER_SQRT_S[0]]
-    evidence = [log_evidence(likelihoods, times_s, value) for value in candidates]
-    best = candidates[int(np.argmax(evidence))]
+    best = candidates[int(np.argmax(log_evidence(likelihoods, times_s, candidates)))]
     _log.info("diffusion of the log's position error: %g m/√s", best)
     return best

@@ -2,18 +2,21 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from uasthn_cli.config import MAP_PIXEL_ERROR
-from uasthn_cli.types import FloatArray, ImageArray, OffsetLikelihood
+from uasthn_cli.types import LEAST_LOG, LOG_OF_LEVEL, FloatArray, ImageArray, OffsetLikelihood
 
 TOLERANCE_M = 25.0
 """The paper's tolerance: how near to an answer the posterior counts as confidence in it."""
 
-_LEAST_LOG = -60.0
-"""Below this, fits are equally impossible; float16 still tells neighbouring values apart."""
+_PEAK_STEPS = 3
+
+AnyFloats = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +75,7 @@ def offset_likelihood(
     was seen.
     """
     if not np.isfinite(scores).any():
-        return OffsetLikelihood(np.zeros((grid.size,) * 2, np.float16), grid.cell_m, centre_m)
+        return flat_likelihood(grid, centre_m)
     field, unseen = _levelled(scores)
     ratio = grid.cell_m / placement.pitch_m
     if ratio > 1.0:
@@ -83,8 +86,12 @@ def offset_likelihood(
     if grid.radius_m is not None:
         east, north = cell_offsets_m(grid.size, grid.cell_m, np.zeros(2))
         sampled = np.where(np.hypot(east, north) <= grid.radius_m, sampled, -np.inf)
-    levelled = np.clip(sampled - sampled.max(), _LEAST_LOG, 0.0)
-    return OffsetLikelihood(levelled.astype(np.float16), grid.cell_m, centre_m)
+    return OffsetLikelihood.of(sampled - sampled.max(), grid.cell_m, centre_m)
+
+
+def flat_likelihood(grid: OffsetGrid, centre_m: FloatArray) -> OffsetLikelihood:
+    """Return the likelihood of a frame that says nothing."""
+    return OffsetLikelihood(np.zeros((grid.size, grid.size), np.uint8), grid.cell_m, centre_m)
 
 
 def scores_elsewhere(
@@ -104,8 +111,8 @@ def _levelled(scores: FloatArray) -> tuple[ImageArray, float]:
     """Return scores whose best is 0, and what stands where nothing was seen."""
     finite = np.isfinite(scores)
     best = float(scores[finite].max())
-    unseen = max(math.log(float(np.exp(scores[finite] - best).mean())), _LEAST_LOG)
-    field = np.where(finite, np.maximum(scores - best, _LEAST_LOG), unseen)
+    unseen = max(math.log(float(np.exp(scores[finite] - best).mean())), LEAST_LOG)
+    field = np.where(finite, np.maximum(scores - best, LEAST_LOG), unseen)
     return field.astype(np.float32), unseen
 
 
@@ -132,7 +139,7 @@ def _sampled(
 
 def posterior_of(likelihood: OffsetLikelihood) -> FloatArray:
     """Return the posterior ``(n, n)`` of a frame alone, every offset being as likely before."""
-    weights = np.exp(likelihood.log_likelihood.astype(np.float64))
+    weights = np.exp(LOG_OF_LEVEL.astype(np.float64))[likelihood.levels]
     return np.asarray(weights / weights.sum())
 
 
@@ -142,14 +149,16 @@ def cell_offsets_m(size: int, cell_m: float, centre_m: FloatArray) -> tuple[Floa
     return centre_m[0] + steps[None, :], centre_m[1] - steps[:, None]
 
 
-def best_offset_m(posterior: FloatArray, cell_m: float, centre_m: FloatArray) -> FloatArray:
+def best_offset_m(posterior: AnyFloats, cell_m: float, centre_m: FloatArray) -> FloatArray:
     """Return the mean ``(east, north)`` of the posterior ``(n, n)`` around its highest cell."""
     row, column = np.unravel_index(int(posterior.argmax()), posterior.shape)
     east, north = cell_offsets_m(len(posterior), cell_m, centre_m)
     reach_m = max(3.0 * cell_m, 0.5 * TOLERANCE_M)
     peak = np.array([east[0, column], north[row, 0]])
-    for _ in range(3):  # the mean shifts the neighbourhood it is taken over
-        near = np.hypot(east - peak[0], north - peak[1]) <= reach_m
+    # the mean lies within reach of the place before: thrice, and the rest is never asked
+    posterior, east, north = _near(posterior, east, north, peak, _PEAK_STEPS * reach_m)
+    for _ in range(_PEAK_STEPS):  # the mean shifts the neighbourhood it is taken over
+        near = (east - peak[0]) ** 2 + (north - peak[1]) ** 2 <= reach_m**2
         weights = posterior * near
         total = weights.sum()
         peak = np.array([(weights * east).sum() / total, (weights * north).sum() / total])
@@ -157,7 +166,7 @@ def best_offset_m(posterior: FloatArray, cell_m: float, centre_m: FloatArray) ->
 
 
 def summarise_posterior(
-    posterior: FloatArray, cell_m: float, centre_m: FloatArray, answer_m: FloatArray
+    posterior: AnyFloats, cell_m: float, centre_m: FloatArray, answer_m: FloatArray
 ) -> PosteriorSummary:
     """Return what a posterior ``(n, n)`` says of the error of ``answer_m`` ``(2,)``.
 
@@ -165,24 +174,43 @@ def summarise_posterior(
     matter of confidence, not of spread), and holds at least the variance of a cell.
     """
     east, north = cell_offsets_m(len(posterior), cell_m, centre_m)
-    east, north = east - answer_m[0], north - answer_m[1]
-    distance2 = east**2 + north**2
-    near = posterior * (distance2 <= max(TOLERANCE_M, 3.0 * cell_m) ** 2)
-    confidence = float(near.sum())
-    weights = near / max(confidence, 1e-12)
-    covariance = np.array(
-        [
-            [(weights * east**2).sum(), (weights * east * north).sum()],
-            [(weights * east * north).sum(), (weights * north**2).sum()],
-        ]
-    )
+    by_column = posterior.sum(axis=0, dtype=np.float64)
+    by_row = posterior.sum(axis=1, dtype=np.float64)
+    distance2 = by_column @ (east[0] - answer_m[0]) ** 2 + by_row @ (north[:, 0] - answer_m[1]) ** 2
     positive = posterior[posterior > 0]
+    confidence, covariance = _about(posterior, east, north, answer_m, max(TOLERANCE_M, 3 * cell_m))
     return PosteriorSummary(
         confidence=min(1.0, confidence),
-        entropy_nats=float(-(positive * np.log(positive)).sum()),
-        sigma_m=math.sqrt(float((posterior * distance2).sum()) / 2.0),
+        entropy_nats=float(-(positive * np.log(positive)).sum(dtype=np.float64)),
+        sigma_m=math.sqrt(float(distance2) / 2.0),
         covariance_m2=covariance + np.eye(2) * cell_m**2 / 12.0,
     )
+
+
+def _about(
+    posterior: AnyFloats, east: FloatArray, north: FloatArray, answer_m: FloatArray, reach_m: float
+) -> tuple[float, FloatArray]:
+    """Return mass within reach of an answer, and its covariance ``(2, 2)`` about the answer."""
+    near, east, north = _near(posterior, east, north, answer_m, reach_m)
+    east, north = east - answer_m[0], north - answer_m[1]
+    near = near * (east**2 + north**2 <= reach_m**2)
+    mass = float(near.sum())
+    weights = near / max(mass, 1e-12)
+    across = float((weights * east * north).sum())
+    return mass, np.array(
+        [[(weights * east**2).sum(), across], [across, (weights * north**2).sum()]]
+    )
+
+
+def _near(
+    posterior: AnyFloats, east: FloatArray, north: FloatArray, middle_m: FloatArray, reach_m: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the part of a grid that holds all within reach of ``middle_m``, and its offsets."""
+    rows = np.flatnonzero(np.abs(north[:, 0] - middle_m[1]) <= reach_m)
+    columns = np.flatnonzero(np.abs(east[0] - middle_m[0]) <= reach_m)
+    down = slice(rows[0], rows[-1] + 1) if rows.size else slice(0)
+    right = slice(columns[0], columns[-1] + 1) if columns.size else slice(0)
+    return posterior[down, right].astype(np.float64), east[:, right], north[down]
 
 
 def map_variance_m2(map_error_m: float, map_pixel_m: float) -> float:

@@ -2,12 +2,13 @@
 
 import json
 import logging
-from collections.abc import Callable, Mapping
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Final, Generic, Self, TypeVar
+from typing import BinaryIO, Final, Generic, NamedTuple, Self, TypeVar
 
 from uasthn_cli.errors import OutputError
 from uasthn_cli.outputs.formatting import frame_of
@@ -52,9 +53,10 @@ JOURNAL_NAME: Final = LOCATED.file_name
 class Journal(Generic[T]):
     """One line of JSON per finished frame, behind a first line that says what it belongs to.
 
-    Opening reads back what an earlier run with the same fingerprint finished (``finished``, by
-    frame name) and goes on after it; a torn last line is cut off, the journal of other inputs or
-    arguments is discarded.
+    Opening goes on after what an earlier run with the same fingerprint finished (``finished``, by
+    frame name). Each line ends in its checksum: one that was damaged is as good as not there, a
+    torn last one is cut off. The journal of other inputs or arguments is discarded. Only the places
+    of lines are kept in memory.
     """
 
     def __init__(self, out_dir: Path, fingerprint: str, kind: JournalKind[T]) -> None:
@@ -66,18 +68,19 @@ class Journal(Generic[T]):
         self.path, self._kind = out_dir / kind.file_name, kind
         header = (json.dumps({"fingerprint": fingerprint}) + "\n").encode("ascii")
         try:
-            self._finished, kept_bytes = _read_back(self.path, header, kind)
+            places, kept_bytes = _read_back(self.path, header, kind)
             self._file: BinaryIO = self.path.open("r+b" if kept_bytes else "wb")
             self._file.truncate(kept_bytes)
             self._file.seek(kept_bytes)
             if not kept_bytes:
                 self._write(header)
+            self._finished = _Finished(self.path, kind, places)
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from error
 
     @property
     def finished(self) -> Mapping[str, T]:
-        """Entries by frame name: read back, and appended since."""
+        """Entries by frame name, finished before or appended since; each read when asked for."""
         return self._finished
 
     def append(self, entry: T) -> None:
@@ -86,17 +89,20 @@ class Journal(Generic[T]):
         Raises:
             OutputError: the journal cannot be written (say, a full disk).
         """
+        line = _sealed(self._kind.encode(entry))
         try:
-            self._write(self._kind.encode(entry).encode("ascii") + b"\n")
+            start = self._file.tell()
+            self._write(line)
         except OSError as error:
             raise OutputError(f"cannot write {self.path}: {error.strerror or error}") from error
-        self._finished[self._kind.frame_name(entry)] = entry
+        self._finished.places[self._kind.frame_name(entry)] = _Place(start, len(line))
 
     def close(self) -> None:
         """Close the file and keep it for the next run.
 
         Closing tries once more to write what a full disk refused: that was reported when it arose.
         """
+        self._finished.close()
         with suppress(OSError):
             self._file.close()
 
@@ -124,25 +130,97 @@ class Journal(Generic[T]):
         self._file.flush()
 
 
-def _read_back(path: Path, header: bytes, kind: JournalKind[T]) -> tuple[dict[str, T], int]:
-    """Return finished entries by frame name, and how many bytes of the file hold them."""
+class _Place(NamedTuple):
+    """Where a line lies in the file."""
+
+    start: int
+    length: int
+
+
+class _Finished(Mapping[str, T]):
+    """The entries of a journal, decoded when they are asked for."""
+
+    def __init__(self, path: Path, kind: JournalKind[T], places: dict[str, _Place]) -> None:
+        """Open the file for reading beside the one who writes it."""
+        self.places = places
+        self._path, self._kind = path, kind
+        self._file: BinaryIO = path.open("rb", buffering=0)
+
+    def __getitem__(self, name: str) -> T:
+        """Return the entry of a frame.
+
+        Raises:
+            KeyError: it is not finished.
+            OutputError: its line was changed since it was written.
+        """
+        place = self.places[name]
+        try:
+            self._file.seek(place.start)
+            return self._kind.decode(_content(self._file.read(place.length)))
+        except (OSError, ValueError) as error:
+            raise OutputError(
+                f"{self._path} can no longer be read ({error}); give the same command again"
+            ) from error
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of frames in the order of the file."""
+        return iter(self.places)
+
+    def __len__(self) -> int:
+        """Return how many frames are finished."""
+        return len(self.places)
+
+    def close(self) -> None:
+        """Close the file: nothing can be read any more."""
+        self._file.close()
+
+
+def _sealed(text: str) -> bytes:
+    """Return a line with its checksum and end."""
+    content = text.encode("ascii")
+    return b"%s\t%08x\n" % (content, zlib.crc32(content))
+
+
+def _content(line: bytes) -> bytes:
+    """Return what :func:`_sealed` was given.
+
+    Raises:
+        ValueError: the line is torn or damaged.
+    """
+    content, _, seal = line.rpartition(b"\t")
+    if seal != b"%08x\n" % zlib.crc32(content):
+        raise ValueError("a line is torn or damaged")
+    return content
+
+
+def _read_back(path: Path, header: bytes, kind: JournalKind[T]) -> tuple[dict[str, _Place], int]:
+    """Return places of finished entries by frame name, and where the last one ends."""
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            if file.readline() != header:
+                LOGGER.warning("%s belongs to other inputs or arguments and is discarded", path)
+                return {}, 0
+            places, damaged = _places(file, len(header), kind)
     except FileNotFoundError:
         return {}, 0
-    if not content.startswith(header):
-        LOGGER.warning("%s belongs to other inputs or arguments and is discarded", path)
-        return {}, 0
-    finished: dict[str, T] = {}
-    kept_bytes = len(header)
-    for line in content[kept_bytes:].splitlines(keepends=True):
+    if damaged:
+        LOGGER.warning("%s: %d damaged lines, whose frames are computed anew", path, damaged)
+    LOGGER.info("%d finished frames are taken over from %s", len(places), path)
+    return places, max(
+        (place.start + place.length for place in places.values()), default=len(header)
+    )
+
+
+def _places(
+    lines: Iterable[bytes], start: int, kind: JournalKind[T]
+) -> tuple[dict[str, _Place], int]:
+    """Return where good lines lie by frame name, and how many whole lines are damaged."""
+    places: dict[str, _Place] = {}
+    damaged = 0
+    for line in lines:
         try:
-            entry = kind.decode(line)
+            places[kind.frame_name(kind.decode(_content(line)))] = _Place(start, len(line))
         except ValueError:
-            break
-        if not line.endswith(b"\n"):
-            break
-        finished[kind.frame_name(entry)] = entry
-        kept_bytes += len(line)
-    LOGGER.info("%d finished frames are taken over from %s", len(finished), path)
-    return finished, kept_bytes
+            damaged += line.endswith(b"\n")
+        start += len(line)
+    return places, damaged

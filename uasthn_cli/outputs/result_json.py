@@ -1,7 +1,7 @@
 """What is finished of a frame as one line of JSON and back, every float exactly as it was.
 
 Python writes a float as the shortest decimal that reads back as the same float, and writes NaN and
-infinities as ``NaN`` and ``Infinity``, which it also reads. Likelihoods are half floats, packed.
+infinities as ``NaN`` and ``Infinity``, which it also reads. Likelihoods are whole levels, packed.
 """
 
 import base64
@@ -97,22 +97,22 @@ def _plain(value: Any) -> Any:
 def _packed(likelihood: OffsetLikelihood | None) -> dict[str, Any] | None:
     if likelihood is None:
         return None
-    values = np.ascontiguousarray(likelihood.log_likelihood, dtype="<f2")
+    packed = zlib.compress(np.ascontiguousarray(likelihood.levels).tobytes(), 1)
     return {
-        "size": len(values),
+        "size": len(likelihood.levels),
         "cell_m": likelihood.cell_m,
         "centre_m": likelihood.centre_m,
-        "values": base64.b85encode(zlib.compress(values.tobytes(), 1)).decode("ascii"),
+        "levels": base64.b64encode(packed).decode("ascii"),
     }
 
 
 def _unpacked(entry: dict[str, Any] | None) -> OffsetLikelihood | None:
     if entry is None:
         return None
-    content = zlib.decompress(base64.b85decode(entry["values"]))
-    values = np.frombuffer(content, dtype="<f2").reshape(entry["size"], entry["size"])
+    content = zlib.decompress(base64.b64decode(entry["levels"], validate=True))
+    levels = np.frombuffer(content, dtype=np.uint8).reshape(entry["size"], entry["size"])
     centre_m = np.array(entry["centre_m"], dtype=np.float64)
-    return OffsetLikelihood(values.astype(np.float16), entry["cell_m"], centre_m)
+    return OffsetLikelihood(levels.copy(), entry["cell_m"], centre_m)
 
 
 def _failure(values: dict[str, Any]) -> FrameFailure:

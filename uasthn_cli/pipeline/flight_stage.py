@@ -2,10 +2,11 @@
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uasthn_cli.config import CropTtaConfig
 from uasthn_cli.fusion.constants import (
@@ -18,6 +19,7 @@ from uasthn_cli.fusion.constants import (
 from uasthn_cli.fusion.diffusion import fit_diffusion
 from uasthn_cli.fusion.forward_backward import smooth
 from uasthn_cli.fusion.offsets import TOLERANCE_M, OffsetGrid, best_offset_m
+from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.pipeline.likelihoods import likelihood_of_look
 from uasthn_cli.pipeline.look import Looker, LookError
@@ -29,6 +31,7 @@ from uasthn_cli.types import (
     Fix,
     FloatArray,
     FrameFailure,
+    FrameResult,
     Located,
     NearLook,
     Prior,
@@ -44,7 +47,9 @@ _CONSTANTS_FRAMES = 12
 _CONFIDENT = 0.5
 _NEAR_REACH_M = 15.0
 _NEAR_REACH_PITCHES = 5
+_NEAR_REACH_CELLS = 1.25  # of the search's grid: a wide search is known to one of its cells
 _NEAR_CELLS_PER_PITCH = 4
+_NEAR_LARGEST_HALF = 150
 _NEAR_MARGIN_PITCHES = 3
 _WHOLE_FRAME = CropTtaConfig(views=1)
 
@@ -54,15 +59,15 @@ RebuildPriors = Callable[[float], dict[str, Prior]]
 
 @dataclass(frozen=True, slots=True)
 class FlightFrame:
-    """One frame of the fused flight: its prior in the log, and what it gave alone."""
+    """One frame of the fused flight: its prior in the log, and what came of it alone."""
 
     prior: Prior
-    located: Located
+    result: FrameResult
 
     @property
     def single(self) -> Fix | None:
         """The frame's own answer, if it has one."""
-        return self.located.result if isinstance(self.located.result, Fix) else None
+        return self.result if isinstance(self.result, Fix) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +75,14 @@ class Survey:
     """A flight after the first fusion.
 
     ``frames`` in order of time, ``offsets_m`` ``(T, 2)`` (east, north) the error of each logged
-    position, ``posteriors`` ``(T, n, n)`` over the whole search area, ``near_priors`` what is
-    known of each frame now.
+    position, ``posteriors`` those over the whole search area, each ``(n, n)``, ``near_priors`` what
+    is known of each frame now.
     """
 
     frames: tuple[FlightFrame, ...]
     times_s: FloatArray
     offsets_m: FloatArray
-    posteriors: np.ndarray
+    posteriors: Sequence[NDArray[np.float32]]
     grid: OffsetGrid
     diffusion_m_per_sqrt_s: float
     constants: FlightConstants
@@ -97,19 +102,24 @@ class FlightStage:
         """Keep how the flight was searched and how it is looked at again."""
         self._wide, self._near, self._grid = wide, near, grid
         self._rebuild_priors = rebuild_priors
-        self._reach_m = max(_NEAR_REACH_M, _NEAR_REACH_PITCHES * near.pitch_m)
+        self._reach_m = max(
+            _NEAR_REACH_M, _NEAR_REACH_PITCHES * near.pitch_m, _NEAR_REACH_CELLS * grid.cell_m
+        )
 
     @property
     def near_grid(self) -> OffsetGrid:
         """The offsets that the second look tells apart."""
-        cell_m = self._near.pitch_m / _NEAR_CELLS_PER_PITCH
+        finest_m = self._reach_m / _NEAR_LARGEST_HALF
+        cell_m = max(self._near.pitch_m / _NEAR_CELLS_PER_PITCH, finest_m)
         return OffsetGrid(round(self._reach_m / cell_m), cell_m)
 
-    def survey(self, located: Sequence[Located]) -> Survey | None:
-        """Fuse what frames gave alone; None where no frame says anything."""
-        frames = flight_frames(located)
-        likelihoods = [frame.located.likelihood for frame in frames]
-        if not any(likelihood is not None for likelihood in likelihoods):
+    def survey(self, located: Iterable[Located]) -> Survey | None:
+        """Fuse what frames gave alone; None where no frame says anything.
+
+        ``located`` is read once, an entry at a time, and likelihoods go to disk.
+        """
+        frames, likelihoods = flight_frames(located)
+        if not likelihoods.says_anything:
             return None
         times_s = np.array([frame.prior.time_utc_s for frame in frames])
         velocities_m_s = self._velocities_m_s(frames)
@@ -235,15 +245,17 @@ class FlightStage:
         return tuple(corrected)
 
 
-def flight_frames(located: Sequence[Located]) -> tuple[FlightFrame, ...]:
-    """Return the frames that the flight can place, in order of time."""
-    frames = []
+def flight_frames(located: Iterable[Located]) -> tuple[tuple[FlightFrame, ...], LikelihoodSpool]:
+    """Return the frames that the flight can place and their likelihoods, in order of time."""
+    frames, likelihoods = [], LikelihoodSpool()
     for entry in located:
         result = entry.result
         is_lost = isinstance(result, FrameFailure) and result.reason not in PLACEABLE
         if result.prior is not None and not is_lost:
-            frames.append(FlightFrame(result.prior, entry))
-    return tuple(sorted(frames, key=lambda frame: frame.prior.time_utc_s))
+            frames.append(FlightFrame(result.prior, result))
+            likelihoods.append(entry.likelihood)
+    order = sorted(range(len(frames)), key=lambda index: frames[index].prior.time_utc_s)
+    return tuple(frames[index] for index in order), likelihoods.in_order(order)
 
 
 def agreeing(frames: Sequence[FlightFrame], offsets_m: FloatArray, local: LocalFrame) -> BoolArray:

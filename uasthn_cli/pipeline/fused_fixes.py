@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -11,8 +11,10 @@ from uasthn_cli.fusion.offsets import (
     TOLERANCE_M,
     OffsetGrid,
     best_offset_m,
+    flat_likelihood,
     summarise_posterior,
 )
+from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.camera import HorizonError, homography_frame_ground
 from uasthn_cli.geometry.geodesy import LocalFrame, distance_m
 from uasthn_cli.geometry.placement import Placement, place_frame, translation
@@ -60,10 +62,10 @@ def fused_offsets_m(
             for entry, offset_m in zip(survey.posteriors, survey.offsets_m, strict=True)
         ]
         return survey.offsets_m, np.array([entry.covariance_m2 for entry in summaries])
-    centred = [
-        entry or _flat(grid, offset_m)
+    centred = LikelihoodSpool(
+        entry or flat_likelihood(grid, offset_m)
         for entry, offset_m in zip(near, survey.offsets_m, strict=True)
-    ]
+    )
     smoothed = smooth(centred, survey.times_s, survey.diffusion_m_per_sqrt_s)
     offsets_m, covariances_m2 = [], []
     for posterior, centre_m in zip(smoothed.posteriors, survey.offsets_m, strict=True):
@@ -75,26 +77,28 @@ def fused_offsets_m(
 
 
 def fused_results(
-    located: Sequence[Located],
+    located: Iterable[Located],
     survey: Survey,
-    near: Sequence[NearLook],
+    near: Iterable[NearLook],
     grid: OffsetGrid,
     judge: Judge,
     looker: Looker,
 ) -> list[FrameResult]:
     """Return the flight's answer for every frame it can place; other frames keep their own.
 
-    ``near`` ``(T,)`` is the second look at the survey's frames, on offsets of ``grid``.
+    ``near`` ``(T,)`` is the second look at the survey's frames, on offsets of ``grid``. Both are
+    read once, an entry at a time.
     """
     local = looker.local
-    offsets_m, covariances_m2 = fused_offsets_m(survey, [look.likelihood for look in near], grid)
+    cameras, likelihoods = _taken_apart(near)
+    offsets_m, covariances_m2 = fused_offsets_m(survey, likelihoods, grid)
     apart_m = agreement_m(survey.frames, offsets_m, local)
     support = support_of(_backing(survey.frames, apart_m))
     answers: dict[str, Fix] = {}
-    for index, (frame, look) in enumerate(zip(survey.frames, near, strict=True)):
+    for index, (frame, camera) in enumerate(zip(survey.frames, cameras, strict=True)):
         moved_m = offsets_m[index] - survey.offsets_m[index]
         posed = moved_prior(survey.near_priors[index], moved_m, local)
-        placed = None if look.camera is None else _placed(look.camera, posed, local)
+        placed = None if camera is None else _placed(camera, posed, local)
         if placed is None:
             continue
         summary = summarise_posterior(
@@ -104,8 +108,19 @@ def fused_results(
         uncertainty_m = frame.single.uncertainty_m if frame.single else math.nan
         trust = judge.fused(summary, covariances_m2[index], agreement, uncertainty_m)
         reason = _reason(frame) or judge.doubt_of_fused(trust)
-        answers[look.frame.name] = _fix(frame, placed, trust, reason, local)
+        answers[frame.prior.frame.name] = _fix(frame, placed, trust, reason, local)
     return [answers.get(_name(entry.result), entry.result) for entry in located]
+
+
+def _taken_apart(
+    near: Iterable[NearLook],
+) -> tuple[list[CameraModel | None], LikelihoodSpool]:
+    """Return cameras and likelihoods of second looks, which are read once."""
+    cameras, likelihoods = [], LikelihoodSpool()
+    for look in near:
+        cameras.append(look.camera)
+        likelihoods.append(look.likelihood)
+    return cameras, likelihoods
 
 
 def _backing(frames: Sequence[FlightFrame], apart_m: FloatArray) -> FloatArray:
@@ -158,7 +173,7 @@ def place_from_geometry(camera: CameraModel, prior: Prior, local: LocalFrame) ->
 
 def _reason(frame: FlightFrame) -> Reason | None:
     """Return why a fused answer cannot be accepted whatever the flight says."""
-    own = frame.located.result.reason
+    own = frame.result.reason
     return own if own in {Reason.OFF_MAP, Reason.TEXTURELESS} else None
 
 
@@ -187,11 +202,6 @@ def _fix(
         source=Source.FUSED,
         single=single,
     )
-
-
-def _flat(grid: OffsetGrid, centre_m: FloatArray) -> OffsetLikelihood:
-    flat = np.zeros((grid.size, grid.size), np.float16)
-    return OffsetLikelihood(flat, grid.cell_m, centre_m)
 
 
 def _name(result: FrameResult) -> str:

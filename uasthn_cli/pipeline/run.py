@@ -1,7 +1,7 @@
 """Open the inputs of a run and walk its frames."""
 
 import logging
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -96,7 +96,7 @@ class Run:
         for located in self.locate():
             yield located.result
 
-    def survey(self, located: Sequence[Located]) -> Survey | None:
+    def survey(self, located: Iterable[Located]) -> Survey | None:
         """Settle the flight from what its frames gave alone; None where they say nothing."""
         with self._timer.stage("fuse"):
             return self._flight.survey(located)
@@ -108,11 +108,11 @@ class Run:
                 yield self._flight.look_again(survey, index)
 
     def fuse(
-        self, located: Sequence[Located], survey: Survey, near: Mapping[str, NearLook]
+        self, located: Iterable[Located], survey: Survey, near: Mapping[str, NearLook]
     ) -> list[FrameResult]:
         """Return the flight's answers, in the order of ``located``."""
         with self._timer.stage("fuse"):
-            looks = [near[frame.prior.frame.name] for frame in survey.frames]
+            looks = (near[frame.prior.frame.name] for frame in survey.frames)
             return fused_results(
                 located, survey, looks, self._flight.near_grid, self._judge, self._wide
             )
