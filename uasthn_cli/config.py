@@ -69,8 +69,8 @@ class Precision(StrEnum):
 RESIZED_WIDTH_PX = 256
 """W_R of the paper: the width at which thresholds in pixels are stated."""
 
-DEFAULT_SYMMETRIES = 4
-"""Orientations in which xcorr sees both images: more are slower, and a little surer (1 to 8)."""
+DEFAULT_SYMMETRIES = 1
+"""Orientations in which xcorr sees both images (1 to 8): more are slower, and hardly surer."""
 
 DEFAULT_MAP_ERROR_M = 4.0
 """Standard deviation, per axis, of the map's own registration: part of every uncertainty."""

@@ -77,23 +77,25 @@ def sliding_sums(
     size = (size_y, size_x)
     conjugate = fft.rfft2(kernels, s=size)
     np.conjugate(conjugate, out=conjugate)
+    products = np.empty((len(kernels), len(pairs), *conjugate.shape[-2:]), np.complex64)
     sums = np.empty((len(kernels), len(pairs), rows, columns), np.float32)
     for y, x in _starts(rows, step_y, columns, step_x):
         spectrum = fft.rfft2(planes[:, y : y + size_y, x : x + size_x], s=size)
         for k, (of_planes, of_kernels) in enumerate(pairs):
-            product = _product(spectrum[of_planes], conjugate[:, of_kernels])
-            block = fft.irfft2(product, s=size)
-            into = sums[:, k, y : y + step_y, x : x + step_x]
-            into[...] = block[:, : into.shape[1], : into.shape[2]]
+            _multiply(spectrum[of_planes], conjugate[:, of_kernels], products[:, k])
+        into = sums[..., y : y + step_y, x : x + step_x]
+        into[...] = fft.irfft2(products, s=size)[..., : into.shape[-2], : into.shape[-1]]
     return sums
 
 
-def _product(
-    spectrum: NDArray[np.complex64], conjugate: NDArray[np.complex64]
-) -> NDArray[np.complex64]:
-    """Return the product ``(N, …)`` of planes and kernels, summed over them if they are several."""
-    product: NDArray[np.complex64] = spectrum * conjugate
-    return product.sum(axis=1) if spectrum.ndim == 3 else product
+def _multiply(
+    planes: NDArray[np.complex64], kernels: NDArray[np.complex64], into: NDArray[np.complex64]
+) -> None:
+    """Multiply spectra of planes with those of kernels, added up where they are several."""
+    if planes.ndim == 2:
+        np.multiply(planes, kernels, out=into)
+    else:
+        np.einsum("chw,nchw->nhw", planes, kernels, out=into)
 
 
 def _block(shifts: int, kernel: int) -> tuple[int, int]:

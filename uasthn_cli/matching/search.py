@@ -16,9 +16,9 @@ CONFIDENCE_RADIUS_M = 25.0
 
 _CONFIDENCE_RADIUS_CELLS = 3.0
 
-_BOX_REACH_CELLS = 6
-_RIVAL_NATS = 12.0
-_MOST_RIVALS = 6
+_BOX_REACH_CELLS = 5
+_RIVAL_NATS = 6.0
+_MOST_RIVALS = 4
 
 
 def view_masks(views_px: FloatArray, valid: BoolArray, stride_px: int) -> ImageArray:
