@@ -192,3 +192,9 @@ MAX_MAP_ENLARGEMENT = 2.0
 
 MAX_TILT_DEG = 30.0
 """Beyond this angle between the optical axis and the vertical a frame is ``too-oblique``."""
+
+MAX_CACHE_BYTES = 2 * 2**30
+"""How large the folder of map features on disk may become; the least recently used go first."""
+
+MAX_TILE_BYTES = 256 * 2**20
+"""How much of the map's features a search keeps in memory, unless one frame needs more."""
