@@ -111,7 +111,7 @@ def read_frame(path: Path) -> ImageArray:
         pixels = _deep_colour(image, path) if _is_deep_colour(image) else _decode(image)
     radiometric = pixels.dtype != np.uint8
     if pixels.ndim == 2 and not radiometric:
-        return np.divide(pixels, np.float32(255.0), dtype=np.float32)
+        return np.asarray(np.divide(pixels, np.float32(255.0), dtype=np.float32))
     grey = pixels.astype(np.float32)
     if grey.ndim == 3:
         grey = grey @ _GREY_WEIGHTS

@@ -1,6 +1,7 @@
 """The default estimator: learned cross-correlation over all shifts, brightness beside it."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.appearance import CHANNELS, appearance_cells, appearance_scores
 from uasthn_cli.matching.correlate import cell_mask
 from uasthn_cli.matching.device import choose_device
+from uasthn_cli.matching.identity import arithmetic, code_sha256, weights_sha256
 from uasthn_cli.matching.member import Member
 from uasthn_cli.matching.ncc import luma
 from uasthn_cli.matching.networks import HALO_PX, STRIDE_PX, XcorrModel
@@ -52,7 +54,18 @@ class XcorrEstimator:
         self._device = torch.device(device)
         chosen = [models] if isinstance(models, XcorrModel) else list(models)
         share = max(1, symmetries // len(chosen))
+        self._models, self._symmetries = chosen, share
         self._members = [Member(model, self._device, share) for model in chosen]
+
+    @property
+    def encoding_id(self) -> str:
+        """What shapes features beside the window; see :class:`uasthn_cli.seam.CacheableEncoder`."""
+        return f"{self._settings_id} {arithmetic(self._device)}"
+
+    @cached_property
+    def _settings_id(self) -> str:
+        settings = (self.name, self._symmetries, self._appearance)
+        return f"{settings} {weights_sha256(self._models)} {code_sha256()}"
 
     @torch.inference_mode()
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:

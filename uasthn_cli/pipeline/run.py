@@ -16,8 +16,9 @@ from uasthn_cli.ingest.frames import UnreadableFrameError, frame_size_px, list_f
 from uasthn_cli.ingest.mavlink import read_telemetry
 from uasthn_cli.ingest.priors import PriorSet, build_priors
 from uasthn_cli.ingest.telemetry import Telemetry
+from uasthn_cli.mapping.feature_store import open_store
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
-from uasthn_cli.mapping.tiles import FeatureTiles
+from uasthn_cli.mapping.tiles import EncodingCache, FeatureTiles
 from uasthn_cli.matching.registry import SECOND_SCALES
 from uasthn_cli.pipeline.estimators import (
     open_base,
@@ -33,7 +34,7 @@ from uasthn_cli.pipeline.job import GeotagJob, chosen_uncertainty
 from uasthn_cli.pipeline.judge import Judge
 from uasthn_cli.pipeline.look import Looker
 from uasthn_cli.pipeline.timing import StageTimer
-from uasthn_cli.seam import Estimator
+from uasthn_cli.seam import CacheableEncoder, Estimator
 from uasthn_cli.types import CameraModel, FrameFile, FrameResult, Located, NearLook, Prior
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
@@ -213,11 +214,15 @@ def _looker(
     local: LocalFrame,
     timer: StageTimer,
 ) -> Looker:
+    cache = None
+    if job.cache_dir is not None and isinstance(estimator, CacheableEncoder):
+        cache = EncodingCache(open_store(job.cache_dir), estimator)
     tiles = FeatureTiles(
         timer.timed("map", reader.read),
         timer.timed("features", estimator.encode_map),
         stride_px=estimator.stride_px,
         halo_px=estimator.halo_px,
+        cache=cache,
     )
     return Looker(job.camera, reader.grid, tiles, estimator, local, timer)
 
