@@ -21,7 +21,7 @@ from uasthn_cli.matching.networks import (
     XcorrModel,
 )
 from uasthn_cli.matching.xcorr import XcorrEstimator
-from uasthn_cli.seam import Aligner, Estimate, Similarity
+from uasthn_cli.seam import Aligner, CacheableEncoder, Estimate, Similarity
 from uasthn_cli.types import FloatArray, MapWindow, Ortho
 
 GREY = ground_texture(5)[:192, :288]
@@ -189,3 +189,30 @@ def test_half_a_window_is_encoded_like_the_whole() -> None:
     whole = estimator.encode_map(window)[..., :kept]
     alone = estimator.encode_map(half)[..., :kept]
     assert np.abs(whole - alone).max() < 0.02 * np.abs(whole).max()
+
+
+def test_whoever_encodes_alike_says_so() -> None:
+    torch.manual_seed(3)
+    architecture = XcorrArchitecture(feature_channels=4, widths=(4, 4, 4, 4))
+    model = XcorrModel(architecture)
+    same = XcorrModel(architecture)
+    same.load_state_dict(model.state_dict())
+    one = XcorrEstimator(model, symmetries=2)
+    assert isinstance(one, CacheableEncoder)
+    assert XcorrEstimator(same, symmetries=2).encoding_id == one.encoding_id
+    others = [
+        XcorrEstimator(XcorrModel(architecture), symmetries=2),
+        XcorrEstimator(model, symmetries=3),
+        XcorrEstimator(model, symmetries=2, appearance=False),
+        XcorrEstimator([model, model], symmetries=2),
+    ]
+    assert len({one.encoding_id, *(other.encoding_id for other in others)}) == 5
+
+
+def test_the_number_of_threads_is_part_of_who_encodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    estimator = XcorrEstimator(known_model())
+    said = []
+    for count in (1, 2):
+        monkeypatch.setattr(torch, "get_num_threads", lambda count=count: count)
+        said.append(estimator.encoding_id)
+    assert said[0] != said[1]
