@@ -151,8 +151,9 @@ class FeatureTiles:
     def _keep(self, key: _Key, tile: _Tile, needed: set[_Key]) -> None:
         with self._lock:
             self._being_made.pop(key, None)
+            twice = self._tiles.pop(key, None)  # made, dropped and made by two at once
+            self._kept_bytes += tile.size_bytes - (twice.size_bytes if twice else 0)
             self._tiles[key] = tile
-            self._kept_bytes += tile.size_bytes
             self._drop_old(needed)
 
     def _drop_old(self, needed: set[_Key]) -> None:
