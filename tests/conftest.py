@@ -1,6 +1,7 @@
 """Fixtures that several rooms share."""
 
 import logging
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from hypothesis import settings
 
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+os.environ["UASTHN_CACHE"] = "none"  # no test finds, or leaves, features in the user's own folder
 
 
 @pytest.fixture(scope="session")

@@ -190,5 +190,17 @@ NEAR_WIDTH_PX = 256
 MAX_MAP_ENLARGEMENT = 2.0
 """How much finer than the map's own GSD the default may be."""
 
+ORIGIN_STEP_DEG = 0.05
+"""Map grids are centred on multiples of this, so that flights of one area share one grid."""
+
+GSD_STEP = 2 ** (1 / 12)
+"""Map grids have powers of this in metres, so that flights of about one height share one grid."""
+
 MAX_TILT_DEG = 30.0
 """Beyond this angle between the optical axis and the vertical a frame is ``too-oblique``."""
+
+MAX_CACHE_BYTES = 2 * 2**30
+"""How large the folder of map features on disk may become; the least recently used go first."""
+
+MAX_TILE_BYTES = 256 * 2**20
+"""How much of the map's features a search keeps in memory, unless one frame needs more."""

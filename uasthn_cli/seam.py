@@ -83,6 +83,19 @@ class Estimator(Protocol):
 
 
 @runtime_checkable
+class CacheableEncoder(Protocol):
+    """An estimator whose map features may be kept on disk and used again by other runs."""
+
+    @property
+    def encoding_id(self) -> str:
+        """Who encodes, now: equal strings mean equal features of equal windows.
+
+        Windows are equal when their pixels, masks, resolution and statistics are, wherever they
+        lie. Whatever else shapes features, be it weights, settings, code or hardware, belongs here.
+        """
+
+
+@runtime_checkable
 class SelfAssessor(Protocol):
     """An estimator whose network may have been trained to say how far off it is."""
 

@@ -1,5 +1,7 @@
 """Listing frames and reading their pixels, whole and damaged."""
 
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +167,19 @@ def test_corruption_raises_nothing_else(
             read(path)
         except UnreadableFrameError as error:
             assert "\n" not in str(error)
+
+
+def test_threads_read_the_same_and_leave_the_filters_of_warnings_alone(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{number}.png" for number in range(12)]
+    for number, path in enumerate(paths):
+        cv2.imwrite(str(path), gradient(np.uint8, 255.0 - number))
+    before = list(warnings.filters)
+    alone = [read_frame(path) for path in paths]
+    with ThreadPoolExecutor(4) as threads:
+        together = list(threads.map(read_frame, paths * 5))
+    for image, expected in zip(together, alone * 5, strict=True):
+        np.testing.assert_array_equal(image, expected)
+    assert list(warnings.filters) == before
 
 
 def test_frames_come_in_natural_order_from_all_folders(tmp_path: Path) -> None:

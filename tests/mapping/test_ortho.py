@@ -204,6 +204,30 @@ def test_absurd_heights_give_no_footprint(height_m: float) -> None:
         rectify(render(CAMERA, NADIR), CAMERA, prior(height_m=height_m), 0.6)
 
 
+def test_a_single_pixel_that_stands_out_is_texture() -> None:
+    image = np.full((256, 320), 0.5, dtype=np.float32)
+    for step, is_texture in ((1 / 255, True), (1e-3, True), (1e-7, False)):
+        image[100, 100] = 0.5 + step
+        if is_texture:
+            assert rectify(image, CAMERA, prior(), 0.6).valid.any()
+        else:
+            with pytest.raises(TexturelessFrameError):
+                rectify(image, CAMERA, prior(), 0.6)
+
+
+@pytest.mark.parametrize("gsd_m", [0.3, 0.9, 2.2])
+def test_valid_pixels_are_those_whose_source_lies_within_the_frame(gsd_m: float) -> None:
+    ortho = rectify(render(CAMERA, TILTED), CAMERA, prior(TILTED), gsd_m)
+    rows, columns = np.indices(ortho.valid.shape)
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
+    source = transform_points(np.asarray(np.linalg.inv(ortho.H_frame_ortho)), pixels)
+    last = np.array([CAMERA.width_px, CAMERA.height_px]) - 1.0
+    inside = ((source >= 0.0) & (source <= last)).all(axis=-1).reshape(ortho.valid.shape)
+    assert not (ortho.valid & ~inside).any()
+    well_inside = ((source >= 4.0) & (source <= last - 4.0)).all(axis=-1)
+    assert ortho.valid[well_inside.reshape(ortho.valid.shape)].all()
+
+
 def test_a_frame_of_another_size_is_refused() -> None:
     with pytest.raises(ValueError, match="256 × 320"):
         rectify(np.eye(320, 256, dtype=np.float32), CAMERA, prior(), 0.6)

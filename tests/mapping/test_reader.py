@@ -1,5 +1,6 @@
 """Windows land where the conventions say, whatever the map's bands, bits, CRS and holes."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -280,6 +281,19 @@ def test_a_window_is_the_same_however_it_is_cut(
         whole = reader.read(GridBox(-40, -30, 80, 60))
         part = reader.read(GridBox(-15, -13, 33, 21))
     np.testing.assert_allclose(part.image, whole.image[17:38, 25:58], atol=0.02)
+
+
+def test_threads_read_what_one_alone_reads(write_map: Any, frame: LocalFrame) -> None:
+    path = write_map(noise(240, 400, 3, dtype="uint16", high=4000))
+    boxes = [GridBox(column, row, 60, 40) for column in (-20, 50, 130) for row in (-10, 40)] * 4
+    with MapReader(path, frame, 2.5) as reader:
+        alone = [reader.read(box) for box in boxes]
+    with MapReader(path, frame, 2.5) as reader, ThreadPoolExecutor(4) as threads:
+        together = list(threads.map(reader.read, boxes))
+    for window, expected in zip(together, alone, strict=True):
+        np.testing.assert_array_equal(window.image, expected.image)
+        np.testing.assert_array_equal(window.valid, expected.valid)
+        assert window.statistics == expected.statistics
 
 
 def test_native_gsd_is_in_ground_metres(write_map: Any, frame: LocalFrame) -> None:

@@ -1,5 +1,8 @@
 """Features stitched from tiles are the features of the whole."""
 
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import cv2
@@ -50,6 +53,14 @@ class FakeMap:
         return np.asarray(np.moveaxis(blurred, -1, 0))
 
 
+def two_tiles(world: FakeMap) -> FeatureTiles:
+    """Return tiles of 32 × 32 pixels that have memory for two of them and a bit."""
+    a_tile = 16 * 16 * (3 * 2 + 1)
+    return FeatureTiles(
+        world.read, world.pool, stride_px=2, halo_px=0, tile_px=32, max_bytes=5 * a_tile // 2
+    )
+
+
 boxes = st.builds(
     lambda column, row, width, height: GridBox(2 * column, 2 * row, 2 * width, 2 * height),
     st.integers(-90, 90),
@@ -65,7 +76,7 @@ def test_identity_features_are_the_map(box: GridBox) -> None:
     world = FakeMap()
     tiles = FeatureTiles(world.read, world.identity, stride_px=1, halo_px=4, tile_px=32)
     features, direct = tiles.read(box), world.read(box)
-    assert features.values.dtype == np.float32
+    assert features.values.dtype == np.float16
     np.testing.assert_array_equal(features.valid, direct.valid)
     np.testing.assert_allclose(features.values, np.moveaxis(direct.image, -1, 0), atol=5e-4)
     assert (features.box, features.grid, features.stride_px) == (box, GRID, 1)
@@ -126,7 +137,7 @@ def test_a_tile_is_encoded_once() -> None:
 
 def test_the_least_recent_tile_is_dropped() -> None:
     world = FakeMap()
-    tiles = FeatureTiles(world.read, world.pool, stride_px=2, halo_px=0, tile_px=32, max_tiles=2)
+    tiles = two_tiles(world)
     first, second, third = (GridBox(column, 0, 32, 32) for column in (0, 32, 64))
     for box in (first, second, first, third, first):
         tiles.read(box)
@@ -137,12 +148,78 @@ def test_the_least_recent_tile_is_dropped() -> None:
 
 def test_a_box_larger_than_the_store_is_served_and_kept() -> None:
     world = FakeMap()
-    tiles = FeatureTiles(world.read, world.pool, stride_px=2, halo_px=0, tile_px=32, max_tiles=2)
+    tiles = two_tiles(world)
     box = GridBox(-64, -32, 128, 96)
     np.testing.assert_allclose(tiles.read(box).values, world.pool(world.read(box)), atol=5e-4)
     encoded = len(world.encoded)
     tiles.read(box)
     assert len(world.encoded) == encoded
+
+
+def test_memory_for_a_large_box_is_given_back() -> None:
+    world = FakeMap()
+    tiles = two_tiles(world)
+    tiles.read(GridBox(-64, -32, 128, 96))
+    first, second = GridBox(0, 64, 32, 32), GridBox(32, 64, 32, 32)
+    encoded = len(world.encoded)
+    for box in (first, second, first, second):
+        tiles.read(box)
+    assert len(world.encoded) == encoded + 2
+    tiles.read(GridBox(-64, -32, 32, 32))
+    assert len(world.encoded) == encoded + 3
+
+
+def test_threads_share_tiles_and_each_is_encoded_once() -> None:
+    world = FakeMap()
+
+    def slowly(window: MapWindow) -> NDArray[np.floating[Any]]:
+        time.sleep(0.002)
+        return world.pool(window)
+
+    tiles = FeatureTiles(world.read, slowly, stride_px=2, halo_px=4, tile_px=32)
+    asked = [GridBox(column, 2 * row, 60, 40) for column in (-80, -40, 0) for row in range(4)] * 3
+    with ThreadPoolExecutor(4) as threads:
+        together = list(threads.map(tiles.read, asked))
+    assert len(world.encoded) == len(set(world.encoded))
+    for box, features in zip(asked, together, strict=True):
+        expected = world.pool(world.read(box))
+        np.testing.assert_allclose(features.values, expected, atol=5e-4)
+
+
+def test_a_tile_is_read_while_another_is_made() -> None:
+    world = FakeMap()
+    begun, finish = threading.Event(), threading.Event()
+
+    def encode(window: MapWindow) -> NDArray[np.floating[Any]]:
+        if window.box.column_px == 64:
+            begun.set()
+            assert finish.wait(10.0)
+        return world.pool(window)
+
+    tiles = FeatureTiles(world.read, encode, stride_px=2, halo_px=0, tile_px=32)
+    tiles.read(GridBox(0, 0, 32, 32))
+    with ThreadPoolExecutor(1) as threads:
+        slow = threads.submit(tiles.read, GridBox(64, 0, 32, 32))
+        assert begun.wait(10.0)
+        assert tiles.read(GridBox(0, 0, 64, 32)).valid.all()
+        assert not slow.done()
+        finish.set()
+        assert slow.result(10.0).valid.all()
+
+
+def test_a_tile_that_failed_is_tried_again() -> None:
+    world = FakeMap()
+    failures = [OSError("torn")]
+
+    def read(box: GridBox) -> MapWindow:
+        if failures:
+            raise failures.pop()
+        return world.read(box)
+
+    tiles = FeatureTiles(read, world.pool, stride_px=2, halo_px=0, tile_px=32)
+    with pytest.raises(OSError, match="torn"):
+        tiles.read(GridBox(0, 0, 32, 32))
+    assert tiles.read(GridBox(0, 0, 32, 32)).valid.all()
 
 
 def test_tiles_without_map_are_zero_and_not_encoded() -> None:

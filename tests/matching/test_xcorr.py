@@ -18,7 +18,7 @@ from uasthn_cli.matching.architecture import HALO_PX, STRIDE_PX, XcorrArchitectu
 from uasthn_cli.matching.networks import XcorrModel
 from uasthn_cli.matching.torch_encoders import TorchEncoders
 from uasthn_cli.matching.xcorr import XcorrEstimator
-from uasthn_cli.seam import Aligner, Estimate, Similarity
+from uasthn_cli.seam import Aligner, CacheableEncoder, Estimate, Similarity
 from uasthn_cli.types import FloatArray, MapWindow, Ortho
 
 GREY = ground_texture(5)[:192, :288]
@@ -187,3 +187,22 @@ def test_half_a_window_is_encoded_like_the_whole() -> None:
     whole = estimator.encode_map(window)[..., :kept]
     alone = estimator.encode_map(half)[..., :kept]
     assert np.abs(whole - alone).max() < 0.02 * np.abs(whole).max()
+
+
+def test_whoever_encodes_alike_says_so() -> None:
+    torch.manual_seed(3)
+    architecture = XcorrArchitecture(feature_channels=4, widths=(4, 4, 4, 4))
+    model = XcorrModel(architecture)
+    same = XcorrModel(architecture)
+    same.load_state_dict(model.state_dict())
+    first, again, other = (TorchEncoders(one) for one in (model, same, XcorrModel(architecture)))
+    one = XcorrEstimator(first, symmetries=2)
+    assert isinstance(one, CacheableEncoder)
+    assert XcorrEstimator(again, symmetries=2).encoding_id == one.encoding_id
+    others = [
+        XcorrEstimator(other, symmetries=2),
+        XcorrEstimator(first, symmetries=3),
+        XcorrEstimator(first, symmetries=2, appearance=False),
+        XcorrEstimator([first, first], symmetries=4),
+    ]
+    assert len({one.encoding_id, *(entry.encoding_id for entry in others)}) == 5

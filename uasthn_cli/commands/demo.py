@@ -5,6 +5,7 @@ from typing import Final
 
 import click
 
+from uasthn_cli.commands.cache_option import cache_option
 from uasthn_cli.commands.console import progress, say
 from uasthn_cli.commands.options import out_option, overwrite_option
 from uasthn_cli.commands.sections import SectionedCommand, section_option
@@ -41,7 +42,8 @@ flight_option = section_option("Flight")
     default=Path("uasthn-demo"),
 )
 @overwrite_option
-def demo(seed: int, out: Path, overwrite: bool) -> None:
+@cache_option
+def demo(seed: int, out: Path, overwrite: bool, cache_dir: Path | None) -> None:
     """Render an example flight, geo-tag it and report.
 
     The landscape, its night-time thermal frames and a log whose GPS drifts by up to 80 m are made
@@ -64,6 +66,7 @@ def demo(seed: int, out: Path, overwrite: bool) -> None:
         map_path=flight.map,
         camera=CameraSpec(hfov_deg=config.hfov_deg),
         calibration=chosen_calibration("default", "xcorr"),
+        cache_dir=cache_dir,
     )
     target = Target(out / "results", flight.truth, overwrite=overwrite)
     try:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from uasthn_cli.commands.cache_option import cache_option
 from uasthn_cli.commands.console import say
 from uasthn_cli.commands.matching_options import matching_options, search_option, trust_option
 from uasthn_cli.commands.options import (
@@ -63,6 +64,7 @@ input_option = section_option("Input")
 )
 @out_option("Folder for frames.csv, frames.geojson and run.json.")
 @overwrite_option
+@cache_option
 @output_option(
     "--crs",
     type=CrsType(),
@@ -111,6 +113,7 @@ def geotag(
     map_path: Path,
     out: Path,
     overwrite: bool,
+    cache_dir: Path | None,
     crs: str | None,
     truth_path: Path | None,
     frame_times_csv: Path | None,
@@ -139,6 +142,7 @@ def geotag(
         config=config,
         weights=weights,
         calibration=chosen_calibration(calibration_name, config.estimator, weights),
+        cache_dir=cache_dir,
     )
     require_consistent(job)
     results = geotag_to_folder(job, Target(out, truth_path, crs, overwrite))

@@ -60,18 +60,30 @@ def rectify(
             f"the frame is {image.shape[1]} × {image.shape[0]} pixels,"
             f" the camera {camera.width_px} × {camera.height_px}"
         )
-    if not float(image.std(dtype=np.float64)) > _MIN_DEVIATION:
+    if not _has_texture(image):
         raise TexturelessFrameError("the frame has the same value everywhere")
     H_frame_ortho, nadir_px, size_px = _plan(camera, prior, gsd_m, multiple_px)
-    seen = np.ones(image.shape, dtype=np.bool_)
+    seen = None
     if any(camera.distortion):
         image, seen = _undistort(image, camera)
     small, H_frame_small = _reduce(image, _frame_pixels_per_ortho_pixel(H_frame_ortho, camera))
     H_small_ortho = H_frame_ortho @ np.linalg.inv(H_frame_small)
     warped = cv2.warpPerspective(small, H_small_ortho, size_px, flags=cv2.INTER_LINEAR)
     valid = _valid(H_frame_ortho, seen, H_small_ortho, small.shape, size_px)
-    picture = np.where(valid, warped, 0.0).astype(np.float32)
+    picture = np.where(valid, np.asarray(warped, dtype=np.float32), np.float32(0.0))
     return Ortho(picture, valid, gsd_m, H_frame_ortho, nadir_px)
+
+
+def _has_texture(image: ImageArray) -> bool:
+    """Tell whether a frame's values deviate from their mean at all.
+
+    Two values ``r`` apart among ``n`` make a deviation of at least ``r / sqrt(2 n)``, so that the
+    range alone settles it for all but nearly constant frames.
+    """
+    spread = float(image.max()) - float(image.min())
+    if math.isfinite(spread) and spread > 2 * _MIN_DEVIATION * math.sqrt(2 * image.size):
+        return True
+    return float(image.std(dtype=np.float64)) > _MIN_DEVIATION
 
 
 def _plan(
@@ -135,19 +147,26 @@ def _reduce(image: ImageArray, ratio: float) -> tuple[ImageArray, FloatArray]:
 
 def _valid(
     H_frame_ortho: FloatArray,
-    seen: BoolArray,
+    seen: BoolArray | None,
     H_small_ortho: FloatArray,
     small_shape: tuple[int, ...],
     size_px: tuple[int, int],
 ) -> BoolArray:
-    """Return which ortho pixels were interpolated from pixels that the frame really has."""
-    x, y = np.meshgrid(np.arange(size_px[0]), np.arange(size_px[1]))
-    pixels = np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float64)
-    source = transform_points(np.asarray(np.linalg.inv(H_small_ortho)), pixels)
-    last = np.array([small_shape[1], small_shape[0]]) - 1.0
-    inside = ((source >= _BORDER_MARGIN_PX) & (source <= last - _BORDER_MARGIN_PX)).all(axis=-1)
-    valid: BoolArray = inside.reshape(size_px[::-1])
-    if not seen.all():
+    """Return which ortho pixels were interpolated from pixels that the frame really has.
+
+    ``seen`` None: the frame has all of its pixels. A source position ``(u / w, v / w)`` is within a
+    bound where ``u - bound * w`` has the right sign, which is linear in the ortho's pixels: nothing
+    needs to be divided.
+    """
+    u, v, w = np.linalg.inv(H_small_ortho)
+    right, bottom = small_shape[1] - 1.0, small_shape[0] - 1.0
+    margin = _BORDER_MARGIN_PX
+    x, y = np.arange(size_px[0], dtype=np.float64), np.arange(size_px[1], dtype=np.float64)
+    valid: BoolArray = np.ones(size_px[::-1], dtype=np.bool_)
+    sides = (u - margin * w, (right - margin) * w - u, v - margin * w, (bottom - margin) * w - v)
+    for along_x, along_y, constant in (w, *sides):
+        valid &= np.add.outer(along_y * y + constant, along_x * x) >= 0.0
+    if seen is not None and not seen.all():
         shown = cv2.warpPerspective(
             seen.astype(np.float32), H_frame_ortho, size_px, flags=cv2.INTER_LINEAR
         )

@@ -125,9 +125,11 @@ def warp(
         XSCALE=scale_x,
         YSCALE=scale_y,
     )
-    raw = np.stack([planes[band - 1] for band in bands], axis=-1)
-    valid = (planes[-1] > _HALF_COVERED) & np.isfinite(raw).all(axis=-1)
-    return raw, valid
+    shown = [planes[band - 1] for band in bands]
+    valid: BoolArray = planes[-1] > _HALF_COVERED
+    for plane in shown:
+        valid &= np.isfinite(plane)
+    return np.stack(shown, axis=-1), valid
 
 
 def _several_images(dataset: rasterio.DatasetReader, path: Path) -> str:

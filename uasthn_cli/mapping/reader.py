@@ -2,6 +2,7 @@
 
 import logging
 import math
+import threading
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -29,6 +30,9 @@ _log = logging.getLogger(__name__)
 _STATISTICS_REACH_M = 20_000.0
 _SLOW_RATIO = 8.0
 
+_ONE_AT_A_TIME = threading.RLock()
+"""GDAL's data sets are for one thread each, and two of one map may share their sources."""
+
 
 def native_gsd_m(path: Path, frame: LocalFrame) -> float:
     """Return the ground metres per map pixel near a flight, also for maps in degrees.
@@ -46,7 +50,8 @@ class MapReader:
     """A map, read window by window at one GSD around a flight; a context manager.
 
     Memory does not depend on the size of the map: an overview is read where one fits, windows are
-    warped piece by piece, and statistics come from a bounded sample.
+    warped piece by piece, and statistics come from a bounded sample. Several threads may read; they
+    wait for each other.
     """
 
     grid: MapGrid
@@ -106,7 +111,8 @@ class MapReader:
         scaling, statistics = self._radiometry
         raw, valid = self._warp(box)
         image = np.zeros((box.height_px, box.width_px, 3), dtype=np.float32)
-        image[valid] = scaling.apply(raw[valid])
+        with np.errstate(over="ignore", invalid="ignore"):  # of values that are not valid
+            np.copyto(image, scaling.apply(raw), where=valid[..., None])
         return MapWindow(image, valid, box, self.grid, statistics)
 
     def valid_fraction(self, box: GridBox) -> float:
@@ -164,12 +170,17 @@ class MapReader:
         return open_source(self._path, level)
 
     def _warp(self, box: GridBox) -> tuple[ImageArray, BoolArray]:
-        with gdal_errors(self._path, "read"):
+        with _ONE_AT_A_TIME, gdal_errors(self._path, "read"):
             return warp(self._source, self._crs, self._pixel_m, self.grid, box)
 
-    @cached_property
+    @property
     def _radiometry(self) -> tuple[Scaling, MapStatistics]:
         """How raw values become 0..1, and statistics thereafter: of one sample of the map."""
+        with _ONE_AT_A_TIME:
+            return self._sampled_radiometry
+
+    @cached_property
+    def _sampled_radiometry(self) -> tuple[Scaling, MapStatistics]:
         boxes = []
         area = self._area()
         if area is not None:

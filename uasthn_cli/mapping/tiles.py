@@ -1,17 +1,24 @@
 """Map features, computed once per tile of the map and kept for the flight."""
 
 import math
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uasthn_cli.config import MAX_TILE_BYTES
+from uasthn_cli.mapping.feature_store import FeatureStore, window_key
+from uasthn_cli.seam import CacheableEncoder
 from uasthn_cli.types import BoolArray, FloatArray, GridBox, MapFeatures, MapGrid, MapWindow
 
 _ROUNDING = 1e-6
+
+_Key: TypeAlias = tuple[int, int]
+"""Column and row of a tile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +27,20 @@ class _Tile:
 
     values: NDArray[np.float16] | None
     valid: BoolArray
+    grid: MapGrid
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory that it takes."""
+        return self.valid.nbytes + (0 if self.values is None else self.values.nbytes)
+
+
+@dataclass(frozen=True, slots=True)
+class EncodingCache:
+    """Where features are kept beyond the flight, and whose they are."""
+
+    store: FeatureStore
+    encoder: CacheableEncoder
 
 
 class FeatureTiles:
@@ -28,6 +49,8 @@ class FeatureTiles:
     A tile is encoded together with ``halo_px`` of its surroundings and cropped, so that features
     do not depend on how the map was cut, as long as the encoder looks no further than the halo and
     ``halo_px`` and ``tile_px`` are multiples of all its down-sampling.
+
+    Several threads may read: a tile that one of them makes, the others wait for.
     """
 
     def __init__(
@@ -38,27 +61,29 @@ class FeatureTiles:
         stride_px: int,
         halo_px: int,
         tile_px: int = 256,
-        max_tiles: int = 64,
+        max_bytes: int = MAX_TILE_BYTES,
+        cache: EncodingCache | None = None,
     ) -> None:
-        """Cut what ``read`` returns into tiles for ``encode``, keeping ``max_tiles`` of them.
+        """Cut what ``read`` returns into tiles for ``encode``, keeping ``max_bytes`` of them.
 
-        ``encode`` returns ``(channels, h / stride_px, w / stride_px)``. More tiles are kept while a
-        single box needs more.
+        ``encode`` returns ``(channels, h / stride_px, w / stride_px)``. More is kept while a single
+        box needs more. With a ``cache`` features are taken from there, and put there.
 
         Raises:
             ValueError: ``tile_px`` or ``halo_px`` is not a multiple of ``stride_px``.
         """
         if tile_px <= 0 or tile_px % stride_px or halo_px % stride_px:
             raise ValueError(f"tile {tile_px} and halo {halo_px} are no multiples of {stride_px}")
-        self._read, self._encode = read, encode
+        self._read, self._encode, self._cache = read, encode, cache
         self._stride_px, self._halo_px, self._tile_px = stride_px, halo_px, tile_px
-        self._max_tiles = max_tiles
-        self._tiles: OrderedDict[tuple[int, int], _Tile] = OrderedDict()
+        self._max_bytes, self._kept_bytes = max_bytes, 0
+        self._lock = threading.Lock()
+        self._tiles: OrderedDict[_Key, _Tile] = OrderedDict()
+        self._being_made: dict[_Key, threading.Lock] = {}
         self._channels: int | None = None
-        self._grid: MapGrid | None = None
 
     def read(self, box: GridBox) -> MapFeatures:
-        """Return features (float32) of a box; zero in tiles without any valid cell.
+        """Return features (float16) of a box; zero in tiles without any valid cell.
 
         Raises:
             ValueError: position or size of the box is not a multiple of the stride.
@@ -66,24 +91,20 @@ class FeatureTiles:
         stride = self._stride_px
         if any(side % stride for side in (box.column_px, box.row_px, box.width_px, box.height_px)):
             raise ValueError(f"{box} does not lie on multiples of {stride} pixels")
-        keys = list(self._tiles_under(box))
-        self._max_tiles = max(self._max_tiles, len(keys))
+        keys = set(self._tiles_under(box))
+        if not keys:
+            raise ValueError(f"{box} is empty")
+        tiles = {key: self._tile(key, keys) for key in sorted(keys)}
         shape = (box.height_px // stride, box.width_px // stride)
-        valid = np.zeros(shape, dtype=np.bool_)
-        values: NDArray[np.float32] | None = None
-        for key in keys:
-            tile = self._tile(key)
-            if values is None:
-                values = np.zeros((self._channels or 0, *shape), dtype=np.float32)
+        valid = np.empty(shape, dtype=np.bool_)
+        values = np.empty((self._channels or 0, *shape), dtype=np.float16)
+        for key, tile in tiles.items():
             into, out_of = self._overlap(key, box)
             valid[into] = tile.valid[out_of]
-            if tile.values is not None:
-                values[:, *into] = tile.values[:, *out_of]
-        if values is None or self._grid is None:
-            raise ValueError(f"{box} is empty")
-        return MapFeatures(values, valid, box, self._grid, stride)
+            values[:, *into] = 0.0 if tile.values is None else tile.values[:, *out_of]
+        return MapFeatures(values, valid, box, tile.grid, stride)
 
-    def _tiles_under(self, box: GridBox) -> Iterator[tuple[int, int]]:
+    def _tiles_under(self, box: GridBox) -> Iterator[_Key]:
         """Yield (column, row) numbers of the tiles that a box touches."""
         size = self._tile_px
         for row in range(box.row_px // size, -(-(box.row_px + box.height_px) // size)):
@@ -106,34 +127,74 @@ class FeatureTiles:
             out_of.append(slice(start - shift, stop - shift))
         return (into[0], into[1]), (out_of[0], out_of[1])
 
-    def _tile(self, key: tuple[int, int]) -> _Tile:
-        """Return a tile from memory, or read and encode it."""
-        if key in self._tiles:
-            self._tiles.move_to_end(key)
-            return self._tiles[key]
-        tile = self._make_tile(key)
-        self._tiles[key] = tile
-        if len(self._tiles) > self._max_tiles:
-            self._tiles.popitem(last=False)
+    def _tile(self, key: _Key, needed: set[_Key]) -> _Tile:
+        """Return a tile from memory, or make it once while others wait for it alone."""
+        with self._lock:
+            tile = self._recalled(key)
+            if tile is not None:
+                return tile
+            being_made = self._being_made.setdefault(key, threading.Lock())
+        with being_made:
+            with self._lock:
+                tile = self._recalled(key)
+            if tile is None:
+                tile = self._make_tile(key)
+                self._keep(key, tile, needed)
         return tile
 
-    def _make_tile(self, key: tuple[int, int]) -> _Tile:
+    def _recalled(self, key: _Key) -> _Tile | None:
+        tile = self._tiles.get(key)
+        if tile is not None:
+            self._tiles.move_to_end(key)
+        return tile
+
+    def _keep(self, key: _Key, tile: _Tile, needed: set[_Key]) -> None:
+        with self._lock:
+            self._being_made.pop(key, None)
+            twice = self._tiles.pop(key, None)  # made, dropped and made by two at once
+            self._kept_bytes += tile.size_bytes - (twice.size_bytes if twice else 0)
+            self._tiles[key] = tile
+            self._drop_old(needed)
+
+    def _drop_old(self, needed: set[_Key]) -> None:
+        """Drop the least recent tiles, but none of those needed, until the rest fits."""
+        for key in [key for key in self._tiles if key not in needed]:
+            if self._kept_bytes <= self._max_bytes:
+                return
+            self._kept_bytes -= self._tiles.pop(key).size_bytes
+
+    def _make_tile(self, key: _Key) -> _Tile:
         """Encode a tile with its halo; the very first one always, to learn the channels."""
         size, halo, stride = self._tile_px, self._halo_px, self._stride_px
         side = size + 2 * halo
         window = self._read(GridBox(key[0] * size - halo, key[1] * size - halo, side, side))
-        self._grid = window.grid
         inner = window.valid[halo : halo + size, halo : halo + size]
         cells = size // stride
         blocks = inner.reshape(cells, stride, cells, stride)
         valid: BoolArray = np.logical_and.reduce(blocks, axis=(1, 3))
         if self._channels is not None and not valid.any():
-            return _Tile(None, valid)
+            return _Tile(None, valid, window.grid)
+        values = self._features(window)
+        self._channels = len(values)
+        return _Tile(values, valid, window.grid)
+
+    def _features(self, window: MapWindow) -> NDArray[np.float16]:
+        """Return the features of a tile from the cache, or encode its window and put them there."""
+        if self._cache is None:
+            return self._encoded(window)
+        cut = (self._tile_px, self._halo_px, self._stride_px)
+        key = window_key(window, f"{self._cache.encoder.encoding_id} {cut}")
+        values = self._cache.store.get(key)
+        if values is None:
+            values = self._encoded(window)
+            self._cache.store.put(key, values)
+        return values
+
+    def _encoded(self, window: MapWindow) -> NDArray[np.float16]:
         encoded = self._encode(window)
-        self._channels = len(encoded)
-        margin = halo // stride
+        margin, cells = self._halo_px // self._stride_px, self._tile_px // self._stride_px
         cropped = encoded[:, margin : margin + cells, margin : margin + cells]
-        return _Tile(cropped.astype(np.float16), valid)
+        return cropped.astype(np.float16)
 
 
 def aligned_box(

@@ -21,6 +21,7 @@ from uasthn_cli.matching.architecture import HALO_PX, STRIDE_PX
 from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template, sliding_sums
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.encoders import Encoders, open_encoders
+from uasthn_cli.matching.identity import code_sha256
 from uasthn_cli.matching.ncc import luma
 from uasthn_cli.matching.search import (
     MIN_OVERLAP,
@@ -70,9 +71,10 @@ class XcorrEstimator:
 
     @property
     def encoding_id(self) -> str:
-        """Equal strings mean equal map features of equal windows."""
+        """What shapes features beside the window; see :class:`uasthn_cli.seam.CacheableEncoder`."""
         networks = "+".join(member.identity for member in self._members)
-        return f"xcorr-1 {networks} {self._symmetries} {self._appearance}"
+        settings = (self.name, self._symmetries, self._appearance)
+        return f"{settings} {networks} {code_sha256()}"
 
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
         """Return map features ``(C + 2, h / 2, w / 2)`` of all members, zero where not valid.

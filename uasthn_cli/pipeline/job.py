@@ -23,7 +23,8 @@ class GeotagJob:
     """The inputs of one run.
 
     ``weights`` are files of networks: none for those in the box, the base network's, or also those
-    of further members of an ensemble.
+    of further members of an ensemble. ``cache_dir`` keeps map features for later runs (None:
+    nowhere); it shapes how long the run takes and nothing else.
     """
 
     log_path: Path
@@ -35,6 +36,7 @@ class GeotagJob:
     config: GeotagConfig = field(default_factory=GeotagConfig)
     weights: tuple[Path, ...] = ()
     calibration: Calibration | None = None
+    cache_dir: Path | None = None
 
     @property
     def member_weights(self) -> tuple[Path, ...]:

@@ -1,6 +1,7 @@
 """Open the inputs of a run and walk its frames."""
 
 import logging
+import math
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -9,15 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from uasthn_cli.config import MAX_MAP_ENLARGEMENT, NEAR_WIDTH_PX, THERMAL_WIDTH_PX, UeMethod
+from uasthn_cli.config import (
+    GSD_STEP,
+    MAX_MAP_ENLARGEMENT,
+    NEAR_WIDTH_PX,
+    ORIGIN_STEP_DEG,
+    THERMAL_WIDTH_PX,
+    UeMethod,
+)
 from uasthn_cli.errors import NoPositionError
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.ingest.frames import UnreadableFrameError, frame_size_px, list_frames
 from uasthn_cli.ingest.mavlink import read_telemetry
 from uasthn_cli.ingest.priors import PriorSet, build_priors
 from uasthn_cli.ingest.telemetry import Telemetry
+from uasthn_cli.mapping.feature_store import open_store
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
-from uasthn_cli.mapping.tiles import FeatureTiles
+from uasthn_cli.mapping.tiles import EncodingCache, FeatureTiles
 from uasthn_cli.matching.registry import SECOND_SCALES
 from uasthn_cli.pipeline.estimators import (
     open_base,
@@ -33,8 +42,16 @@ from uasthn_cli.pipeline.job import GeotagJob, chosen_uncertainty
 from uasthn_cli.pipeline.judge import Judge
 from uasthn_cli.pipeline.look import Looker
 from uasthn_cli.pipeline.timing import StageTimer
-from uasthn_cli.seam import Estimator
-from uasthn_cli.types import CameraModel, FrameFile, FrameResult, Located, NearLook, Prior
+from uasthn_cli.seam import CacheableEncoder, Estimator
+from uasthn_cli.types import (
+    CameraModel,
+    FloatArray,
+    FrameFile,
+    FrameResult,
+    Located,
+    NearLook,
+    Prior,
+)
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
 _FINER = 0.8
@@ -180,7 +197,7 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
             "--time-offset, --time-base and --frame-times"
         )
     positions = np.array([(prior.lat_deg, prior.lon_deg) for prior in located])
-    local = LocalFrame(*np.median(positions, axis=0))
+    local = _shared_frame(positions)
     with ExitStack() as stack:
         native_m = native_gsd_m(job.map_path, local)
         wide_m, near_m = _choose_gsds_m(job, located, native_m)
@@ -213,11 +230,15 @@ def _looker(
     local: LocalFrame,
     timer: StageTimer,
 ) -> Looker:
+    cache = None
+    if job.cache_dir is not None and isinstance(estimator, CacheableEncoder):
+        cache = EncodingCache(open_store(job.cache_dir), estimator)
     tiles = FeatureTiles(
         timer.timed("map", reader.read),
         timer.timed("features", estimator.encode_map),
         stride_px=estimator.stride_px,
         halo_px=estimator.halo_px,
+        cache=cache,
     )
     return Looker(job.camera, reader.grid, tiles, estimator, local, timer)
 
@@ -242,6 +263,7 @@ def _rebuilt_priors(
 def _choose_gsds_m(job: GeotagJob, priors: list[Prior], native_m: float) -> tuple[float, float]:
     """Return the GSD of the search and of the second look.
 
+    Each is a power of ``GSD_STEP``, or a share of the map's own pixels where these are coarser.
     The search sees a frame about 96 px wide, at most twice as fine as the map's own pixels
     (enlarging a coarse map helps: features come at half the image's resolution); the second look
     256 px wide, at most as fine as the map.
@@ -249,9 +271,23 @@ def _choose_gsds_m(job: GeotagJob, priors: list[Prior], native_m: float) -> tupl
     camera = _first_camera(job, priors)
     height_m = float(np.median([prior.height_above_ground_m for prior in priors]))
     footprint_m = height_m * camera.width_px / camera.focal_x_px
-    wide_m = max(native_m / MAX_MAP_ENLARGEMENT, footprint_m / THERMAL_WIDTH_PX)
-    near_m = max(native_m, footprint_m / NEAR_WIDTH_PX)
+    wide_m = max(native_m / MAX_MAP_ENLARGEMENT, _shared_gsd_m(footprint_m / THERMAL_WIDTH_PX))
+    near_m = max(native_m, _shared_gsd_m(footprint_m / NEAR_WIDTH_PX))
     return job.config.gsd_m or wide_m, near_m
+
+
+def _shared_frame(positions_deg: FloatArray) -> LocalFrame:
+    """Return the local frame of a flight's area: other flights there see the map on the same grid.
+
+    What one of them kept of the map is then of use to the next.
+    """
+    latitude, longitude = np.median(positions_deg, axis=0) / ORIGIN_STEP_DEG
+    return LocalFrame(round(latitude) * ORIGIN_STEP_DEG, round(longitude) * ORIGIN_STEP_DEG)
+
+
+def _shared_gsd_m(gsd_m: float) -> float:
+    """Return the nearest resolution that flights of about the same height share."""
+    return float(GSD_STEP ** round(math.log(gsd_m, GSD_STEP)))
 
 
 def _first_camera(job: GeotagJob, priors: list[Prior]) -> CameraModel:
