@@ -21,7 +21,7 @@ from phase_correlation import PhaseCorrelationEstimator
 from prior import PriorEstimator
 from tables import machine_line, markdown_table, number, use_threads
 
-from uasthn_cli.config import GeotagConfig
+from uasthn_cli.config import TOLERANCE_M, GeotagConfig
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.matching.ncc import NccChannel, NccEstimator
@@ -32,7 +32,6 @@ from uasthn_cli.seam import Estimator
 from uasthn_cli.types import BoolArray, Fix, FloatArray, FrameResult
 from uasthn_cli.uncertainty.calibration import load_bundled_calibration
 
-TOLERANCE_M = 25.0
 UNIT = "ncc"
 """The estimator whose time others are counted in."""
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from matching_scene import GSD_M, centred_origin, encoded, full_view, thermal_cut
 
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR, load_xcorr
 from uasthn_cli.matching.xcorr import XcorrEstimator
 from uasthn_cli.synth.landscape import LandscapeKind, render_landscape
@@ -13,7 +14,6 @@ from uasthn_cli.types import GridBox, MapGrid, MapStatistics, MapWindow
 
 WIDTH_PX, HEIGHT_PX = 288, 256
 CORNER_PX, SIZE_PX = (130, 60), (96, 80)
-TOLERANCE_M = 25.0
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ import click
 from uasthn_cli.commands.console import progress, say
 from uasthn_cli.commands.options import out_option, overwrite_option
 from uasthn_cli.commands.sections import SectionedCommand, section_option
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.errors import RunInterruptedError
 
 _EXAMPLES: Final = """\
@@ -20,7 +21,6 @@ What it ran, to try other settings on the same flight:
       --hfov 45 --truth DIR/flight/truth.csv --out DIR/results
 """
 
-_TOLERANCE_M: Final = 25.0
 _FRAMES: Final = 24
 
 flight_option = section_option("Flight")
@@ -71,7 +71,7 @@ def demo(seed: int, out: Path, overwrite: bool) -> None:
     except RunInterruptedError as error:
         raise RunInterruptedError(f"interrupted; go on with: {_again(seed, out)}") from error
     say_summary(results)
-    print_report([out / "results"], _TOLERANCE_M, with_prior=True)
+    print_report([out / "results"], TOLERANCE_M, with_prior=True)
     say(f"The flight is in {flight.map.parent}, the results are in {out / 'results'}")
 
 

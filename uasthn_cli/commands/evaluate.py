@@ -28,7 +28,7 @@ from uasthn_cli.commands.options import (
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO
 from uasthn_cli.commands.sections import SectionedCommand
 from uasthn_cli.commands.tgm_drawing import drawn_to_judge_by
-from uasthn_cli.config import CropTtaConfig, UeMethod
+from uasthn_cli.config import TOLERANCE_M, CropTtaConfig, UeMethod
 
 if TYPE_CHECKING:
     from uasthn_cli.evaluation.judging import JudgingConfig
@@ -81,7 +81,7 @@ _RENDERED_FRAMES: Final = 24
 @uncertainty_option(
     "--tolerance-m",
     type=ABOVE_ZERO,
-    default=25.0,
+    default=TOLERANCE_M,
     show_default=True,
     metavar="M",
     help="MACE beyond which the ROC expects a rejection, CE up to which a sample counts as found.",

@@ -19,6 +19,7 @@ from uasthn_cli.commands.window_options import window_options
 from uasthn_cli.config import (
     DEFAULT_SYMMETRIES,
     FALLBACK_MAX_STD_M,
+    PAPER_THERMAL_PX,
     Aggregation,
     CropTtaConfig,
     DecisionConfig,
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
     from uasthn_cli.evaluation.judging import JudgingConfig
 
 UE_METHODS: Final = tuple(method.value for method in UeMethod)
-PAPER_THERMAL_PX: Final = 512
-"""W_T, in whose pixels the paper states the crop offset."""
 
 _OF_DRAWING: Final = {
     *("inputs", "is_from", "is_stress", "methods", "aggregation", "merge", "max_std", "rule"),

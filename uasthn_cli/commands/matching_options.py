@@ -15,6 +15,7 @@ from uasthn_cli.commands.sections import section_option
 from uasthn_cli.config import (
     FALLBACK_MAX_STD_M,
     FALLBACK_MIN_CONFIDENCE,
+    TOLERANCE_M,
     Aggregation,
     CropTtaConfig,
     DecisionConfig,
@@ -226,7 +227,8 @@ matching_options: Final = gathered(
         "--min-confidence",
         type=FiniteRange(0, 1),
         metavar="SHARE",
-        help="Reject as ambiguous when less of the posterior lies within 25 m of the answer."
+        help=f"Reject as ambiguous when less of the posterior lies within {TOLERANCE_M:g} m of the"
+        " answer."
         f"  [default: left to the calibration; {FALLBACK_MIN_CONFIDENCE:g} without one]",
     ),
 )
