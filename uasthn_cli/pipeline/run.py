@@ -46,8 +46,9 @@ _log = logging.getLogger(__name__)
 class Run:
     """An opened run: priors are known, the map is open, the estimator is loaded.
 
-    Frames are located one by one (:meth:`locate`); with fusion, :meth:`survey` then settles the
-    flight, :meth:`look_again` looks at each frame near where it settled, and :meth:`fuse` ends it.
+    Its steps, which :func:`uasthn_cli.pipeline.driver.drive` takes: frames are located one by one
+    (:meth:`locate`); with fusion, :meth:`survey` then settles the flight, :meth:`look_again` looks
+    at each frame near where it settled, and :meth:`fuse` ends it.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class Run:
     ) -> None:
         """Wire the stages together; ``lookers`` see the wide search and what is near."""
         self.priors, self.map_crs, self._timer = priors, map_crs, timer
-        self.camera, self._fuses = job.camera, job.config.fuse
+        self.camera, self.fuses = job.camera, job.config.fuse
         self._wide, self._near = lookers
         self._judge = Judge(job.config, job.calibration, map_pixel_m)
         self._map_pixel_m = map_pixel_m
@@ -72,9 +73,9 @@ class Run:
         self._flight = FlightStage(self._wide, self._near, self._stage.offset_grid, rebuild)
 
     @property
-    def frame_count(self) -> int:
-        """Number of frames, readable or not."""
-        return len(self.priors.results)
+    def names(self) -> list[str]:
+        """Names of the frames in their order, readable or not."""
+        return [entry.frame.name for entry in self.priors.results]
 
     @property
     def timings(self) -> dict[str, float]:
@@ -90,11 +91,6 @@ class Run:
                 yield self._stage.locate(entry)
             else:
                 yield Located(entry, None)
-
-    def results(self) -> Iterator[FrameResult]:
-        """Yield each frame's own result, in frame order."""
-        for located in self.locate():
-            yield located.result
 
     def survey(self, located: Sequence[Located]) -> Survey | None:
         """Settle the flight from what its frames gave alone; None where they say nothing."""
@@ -116,15 +112,6 @@ class Run:
             return fused_results(
                 located, survey, looks, self._flight.near_grid, self._judge, self._wide
             )
-
-    def answers(self) -> list[FrameResult]:
-        """Return the final answer of every frame, in frame order: all of the above in one go."""
-        located = list(self.locate())
-        survey = self.survey(located) if self._fuses else None
-        if survey is None:
-            return [entry.result for entry in located]
-        near = {look.frame.name: look for look in self.look_again(survey)}
-        return self.fuse(located, survey, near)
 
     def describe(self) -> dict[str, Any]:
         """Return what was chosen for this run, ready for ``run.json``."""
