@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from frame_results import make_failure, make_fix, make_record, make_rejected
 
-from uasthn_cli import __version__
 from uasthn_cli.config import CropTtaConfig, GeotagConfig
 from uasthn_cli.outputs.run_record import (
     counts,
@@ -23,6 +22,7 @@ from uasthn_cli.outputs.run_record import (
 from uasthn_cli.types import FrameFile, FrameResult, Reason
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
 from uasthn_cli.uncertainty.risk_model import RiskModel
+from uasthn_cli.version import code_version
 
 RESULTS: list[FrameResult] = [
     make_fix("1.png"),
@@ -49,7 +49,7 @@ def test_sections_and_rates() -> None:
         *("version", "arguments", "time_base", "frame_times", "camera", "inputs"),
         *("calibration", "flight", "counts", "notes", "timing"),
     ]
-    assert record["version"] == __version__
+    assert record["version"] == code_version()
     assert record["notes"] == {"map": "one window padded"}
     timing = record["timing"]
     assert timing["stages"]["decode"] == {"seconds": 0.5, "frames_per_s": 6.0}
