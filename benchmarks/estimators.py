@@ -31,7 +31,6 @@ from uasthn_cli.outputs.truth import Truth, center_error_m, read_truth
 from uasthn_cli.pipeline import GeotagJob, drive, open_run
 from uasthn_cli.seam import Estimator
 from uasthn_cli.types import BoolArray, Fix, FloatArray, FrameResult
-from uasthn_cli.uncertainty.calibration import load_bundled_calibration
 
 UNIT = "ncc"
 """The estimator whose time others are counted in."""
@@ -80,8 +79,6 @@ class Score:
 def score(job: GeotagJob, flight: str, name: str, truth: Truth) -> Score:
     """Run one estimator over a flight and compare with the truth."""
     job = replace(job, config=replace(job.config, fuse=name.endswith(FLIGHT)))
-    if name.startswith("xcorr"):
-        job = replace(job, calibration=load_bundled_calibration())
     with open_run(job, ESTIMATORS[name]()) as run:
         results = drive(run).results
         own_s = sum(run.timings.get(stage, 0.0) for stage in ("features", "search", "fuse"))

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
 
 class Sampling(StrEnum):
@@ -65,6 +66,11 @@ class Precision(StrEnum):
     FLOAT32 = "float32"
     BFLOAT16 = "bfloat16"
 
+
+WEIGHTS_FOLDER = Path(__file__).parent / "weights"
+"""The weights in the box, and what belongs to them."""
+
+BUNDLED_CALIBRATION = WEIGHTS_FOLDER / "calibration.json"
 
 RESIZED_WIDTH_PX = 256
 """W_R of the paper: the width at which thresholds in pixels are stated."""

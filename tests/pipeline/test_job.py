@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from uasthn_cli.config import (
+    BUNDLED_CALIBRATION,
     Aggregation,
     CropTtaConfig,
     DecisionConfig,
@@ -17,11 +18,12 @@ from uasthn_cli.config import (
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.pipeline import GeotagJob, open_run
 from uasthn_cli.pipeline.job import chosen_uncertainty
-from uasthn_cli.uncertainty.calibration import AnswerKind, load_bundled_calibration
+from uasthn_cli.uncertainty.calibration import AnswerKind, load_calibration
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
 WHOLE = CropTtaConfig(views=1)
 MEAN = Aggregation.MEAN
+BUNDLED = load_calibration(BUNDLED_CALIBRATION)
 
 
 def job(members: int = 1, **settings: Any) -> GeotagJob:
@@ -102,9 +104,7 @@ def test_weights_not_yet_seen_may_have_a_second_head() -> None:
 
 
 def test_a_calibration_that_judges_by_the_spread_wants_one() -> None:
-    calibrated = replace(
-        job(estimator="xcorr", ue=UeMethod.NONE), calibration=load_bundled_calibration()
-    )
+    calibrated = replace(job(estimator="xcorr", ue=UeMethod.NONE), calibration=BUNDLED)
     with pytest.raises(ValueError, match=r"--ue none leaves out u_m.* add --calibration none"):
         chosen_uncertainty(calibrated)
     one_view = replace(calibrated, config=replace(calibrated.config, ue=None, crops=WHOLE))
@@ -125,9 +125,7 @@ def test_a_calibration_that_judges_by_the_spread_wants_one() -> None:
 def test_a_calibration_speaks_of_the_answers_it_was_made_of(
     made_of: AnswerKind | None, why: str | None
 ) -> None:
-    bundled = load_bundled_calibration()
-    assert bundled is not None
-    calibrated = replace(job(estimator="xcorr"), calibration=replace(bundled, made_of=made_of))
+    calibrated = replace(job(estimator="xcorr"), calibration=replace(BUNDLED, made_of=made_of))
     if why is None:
         assert chosen_uncertainty(calibrated).method is UeMethod.CROPTTA
         return
@@ -136,14 +134,12 @@ def test_a_calibration_speaks_of_the_answers_it_was_made_of(
 
 
 def test_what_weights_may_change_is_judged_when_they_are_known() -> None:
-    bundled = load_bundled_calibration()
-    assert bundled is not None
     made_of = AnswerKind("dhn", "none")
-    terms = tuple(term for term in bundled.single.model.terms if term.signal != "u_m")
-    single = replace(bundled.single, model=replace(bundled.single.model, terms=terms))
+    terms = tuple(term for term in BUNDLED.single.model.terms if term.signal != "u_m")
+    single = replace(BUNDLED.single, model=replace(BUNDLED.single.model, terms=terms))
     asked = job(estimator="dhn", crops=CropTtaConfig(views=1))
     calibrated = replace(
-        asked, calibration=replace(bundled, made_of=made_of, single=single, fused=None)
+        asked, calibration=replace(BUNDLED, made_of=made_of, single=single, fused=None)
     )
     assert chosen_uncertainty(calibrated).method is UeMethod.DM
     assert chosen_uncertainty(calibrated, has_head=False).method is UeMethod.NONE

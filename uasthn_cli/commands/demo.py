@@ -47,7 +47,7 @@ def demo(seed: int, out: Path, overwrite: bool) -> None:
     The landscape, its night-time thermal frames and a log whose GPS drifts by up to 80 m are made
     up, so the truth is known to the pixel. Takes under two minutes on two CPU cores.
     """
-    from uasthn_cli.commands.geotag import chosen_calibration, say_summary
+    from uasthn_cli.commands.geotag import say_summary
     from uasthn_cli.commands.geotag_run import Target, geotag_to_folder
     from uasthn_cli.commands.report import print_report
     from uasthn_cli.ingest.cameras import CameraSpec
@@ -63,7 +63,6 @@ def demo(seed: int, out: Path, overwrite: bool) -> None:
         frames_path=flight.frames,
         map_path=flight.map,
         camera=CameraSpec(hfov_deg=config.hfov_deg),
-        calibration=chosen_calibration("default", "xcorr"),
     )
     target = Target(out / "results", flight.truth, overwrite=overwrite)
     try:

@@ -15,7 +15,6 @@ from uasthn_cli.config import CROP_OFFSET_FRACTION, PAPER_THERMAL_PX
 if TYPE_CHECKING:
     from uasthn_cli.training.displacement.config import DisplacementConfig
 
-NETWORKS: Final = ("xcorr", "dhn", "ihn", "sthn")
 PRESETS: Final = ("paper-dhn", "paper-ihn", "paper-sthn", "laptop")
 XCORR_ONLY: Final = (
     *("images", "sand_share", "landscape_share", "windows", "canvases", "without"),

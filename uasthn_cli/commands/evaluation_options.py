@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from uasthn_cli.commands.matching_options import DEVICES
-from uasthn_cli.commands.matching_options import ESTIMATORS as NAMES
 from uasthn_cli.commands.options import gathered, given_options
 from uasthn_cli.commands.parameter_types import (
     ABOVE_ZERO,
@@ -23,6 +22,7 @@ from uasthn_cli.config import (
     Aggregation,
     CropTtaConfig,
     DecisionConfig,
+    GeotagConfig,
     Merge,
     Rule,
     Sampling,
@@ -198,9 +198,8 @@ _DATA_OPTIONS: Final = (
 _ESTIMATOR_OPTIONS: Final = (
     estimator_option(
         "--estimator",
-        type=EstimatorType(NAMES),
-        default="xcorr",
-        metavar="|".join([*NAMES, "vismatch:NAME"]),
+        type=EstimatorType(),
+        default=GeotagConfig().estimator,
         show_default=True,
         help="Who locates the thermal image.",
     ),
@@ -234,7 +233,7 @@ _ESTIMATOR_OPTIONS: Final = (
         "--ue-iterations",
         type=click.IntRange(min=1),
         metavar="K",
-        help="Of dhn, ihn and sthn: all views take K steps together, then the whole image goes on"
+        help="Of ihn and sthn: all views take K steps together, then the whole image goes on"
         " alone (the paper's early stopping).  [default: all steps]",
     ),
     estimator_option(

@@ -50,7 +50,7 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
             truth.require_match(run.names)
         prepare_output(target.out, target.overwrite)
         inputs = _inputs(job, run)
-        fingerprint = fingerprint_of(job.config, job.prior, job.camera, job.calibration, inputs)
+        fingerprint = fingerprint_of(job.config, job.prior, job.camera, run.calibration, inputs)
         with geotag_journals(target.out, fingerprint) as journals:
             outcome = finish_run(run, journals)
             record = RunRecord(
@@ -62,7 +62,7 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
                     computed_frames=outcome.computed_frames,
                     stage_s={**run.timings, "write": outcome.write_s},
                 ),
-                calibration=job.calibration,
+                calibration=run.calibration,
                 flight=None if outcome.survey is None else flight_record(outcome.survey),
                 **_described(job, run),
             )
@@ -84,17 +84,16 @@ def _inputs(job: GeotagJob, run: Run) -> dict[str, Any]:
         "frame_times": job.frame_times_csv,
     }
     files = {name: _file(path) for name, path in named.items() if path is not None}
+    if job.spec.package is not None:
+        files["estimator"] = {"package": job.spec.package}
     digest = {"path": job.frames_path, "count": len(frames), "sha256": frames_sha256(frames)}
     return {"frames": digest, **files}
 
 
 def _weights_paths(job: GeotagJob) -> dict[str, Path]:
     """Return the files that networks are loaded from: none of ncc, or if vismatch has its own."""
-    paths = job.weights
-    if not paths and job.config.estimator == "xcorr":
-        from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR
-
-        paths = BUNDLED_ENSEMBLE if job.config.ensemble else (BUNDLED_XCORR,)
+    in_the_box = job.spec.bundled_weights
+    paths = job.weights or (in_the_box if job.config.ensemble else in_the_box[:1])
     if len(paths) == 1:
         return {"weights": paths[0]}
     return {f"weights_{k}": path for k, path in enumerate(paths, start=1)}

@@ -26,7 +26,6 @@ from uasthn_cli.config import (
     UeMethod,
 )
 
-ESTIMATORS: Final = ("xcorr", "ncc", "dhn", "ihn", "sthn")
 DEVICES: Final = ("auto", "cpu", "cuda")
 
 _CONFIG: Final = GeotagConfig()
@@ -103,12 +102,12 @@ matching_options: Final = gathered(
     ),
     search_option(
         "--estimator",
-        type=EstimatorType(ESTIMATORS),
+        type=EstimatorType(),
         default=_CONFIG.estimator,
-        metavar="|".join([*ESTIMATORS, "vismatch:NAME"]),
         show_default=True,
         help="Learned cross-correlation, plain normalised correlation of grey values, a network of"
-        " the paper's (give --weights), or a matcher of the vismatch package.",
+        " the paper's (give --weights), a matcher of the vismatch package, or one that another"
+        " installed package offers.",
     ),
     search_option(
         "--device",

@@ -10,13 +10,10 @@ from safetensors.torch import save
 
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
+from uasthn_cli.matching.registry import XCORR
 
-BUNDLED_XCORR = Path(__file__).parent.parent / "weights" / "xcorr.safetensors"
-BUNDLED_ENSEMBLE = (
-    BUNDLED_XCORR,
-    BUNDLED_XCORR.with_name("xcorr-2.safetensors"),
-    BUNDLED_XCORR.with_name("xcorr-3.safetensors"),
-)
+BUNDLED_ENSEMBLE = XCORR.bundled_weights
+BUNDLED_XCORR = BUNDLED_ENSEMBLE[0]
 _FORMAT = "uasthn-xcorr-2"
 
 

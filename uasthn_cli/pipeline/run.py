@@ -18,7 +18,6 @@ from uasthn_cli.ingest.priors import PriorSet, build_priors
 from uasthn_cli.ingest.telemetry import Telemetry
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
 from uasthn_cli.mapping.tiles import FeatureTiles
-from uasthn_cli.matching.registry import SECOND_SCALES
 from uasthn_cli.pipeline.estimators import (
     open_base,
     open_members,
@@ -29,7 +28,7 @@ from uasthn_cli.pipeline.estimators import (
 from uasthn_cli.pipeline.flight_stage import FlightStage, RebuildPriors, Survey
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
-from uasthn_cli.pipeline.job import GeotagJob, chosen_uncertainty
+from uasthn_cli.pipeline.job import GeotagJob, chosen_calibration, chosen_uncertainty
 from uasthn_cli.pipeline.judge import Judge
 from uasthn_cli.pipeline.look import Looker
 from uasthn_cli.pipeline.timing import StageTimer
@@ -66,7 +65,8 @@ class Run:
         self.priors, self.map_crs, self._timer = priors, map_crs, timer
         self.camera, self.fuses = job.camera, job.config.fuse
         self._wide, self._near = lookers
-        self._judge = Judge(job.config, job.calibration, map_pixel_m)
+        self.calibration = chosen_calibration(job)
+        self._judge = Judge(job.config, self.calibration, map_pixel_m)
         self._map_pixel_m = map_pixel_m
         self._uncertainty = uncertainty
         self._stage = FrameStage(self._wide, self._judge, job.config, uncertainty)
@@ -150,6 +150,7 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         UasthnError: an input cannot be used; each class has its exit code.
         ValueError: what the job asks for contradicts itself.
     """
+    job = replace(job, calibration=chosen_calibration(job, is_given=estimator is not None))
     has_head = None if estimator is None else says_deviations(estimator)
     chosen_uncertainty(job, has_head=has_head)
     timer = StageTimer()
@@ -174,7 +175,7 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         wide_map = stack.enter_context(MapReader(job.map_path, local, wide_m))
         wide_map.require_overlap(positions, job.config.search_radius_m)
         second = None
-        scale = None if estimator else SECOND_SCALES.get(job.config.estimator)
+        scale = None if estimator else job.spec.second_scale
         if scale is not None:
             second_map = stack.enter_context(MapReader(job.map_path, local, scale * wide_m))
             again = open_base(job, symmetries=1, appearance=False)
