@@ -9,7 +9,7 @@ from small_displacement_models import small_weights
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.networks import XcorrArchitecture, XcorrModel
-from uasthn_cli.matching.registry import BUILT_IN, open_estimator
+from uasthn_cli.matching.registry import BUILT_IN, estimator_names, open_estimator, spec_of
 from uasthn_cli.matching.weights import serialise_xcorr
 
 
@@ -49,6 +49,20 @@ def test_only_xcorr_is_several_networks_in_one(weights: Path, tmp_path: Path) ->
         open_estimator("ihn", weights=[weights, second])
     with pytest.raises(WeightsError, match="leave out --weights"):
         open_estimator("xcorr", weights=[weights, second], ensemble=True)
+
+
+def test_what_is_asked_of_names_stands_in_their_specifications() -> None:
+    def having(question: str) -> list[str]:
+        return [name for name, spec in BUILT_IN.items() if getattr(spec, question)]
+
+    assert estimator_names()[:6] == ("xcorr", "ncc", "dhn", "ihn", "sthn", "vismatch:NAME")
+    for question in ("averages", "has_ensemble", "has_symmetries", "second_scale", "calibration"):
+        assert having(question) == ["xcorr"]
+    assert having("scores_shifts") == having("working_width_px") == ["xcorr", "ncc"]
+    assert having("may_have_head") == ["dhn", "ihn", "sthn"]
+    assert having("has_early_stopping") == ["ihn", "sthn"]
+    assert spec_of("vismatch:xfeat").name == "vismatch"
+    assert all(path.is_file() for path in spec_of("xcorr").bundled_weights)
 
 
 def test_an_unknown_estimator_is_named_with_those_known() -> None:

@@ -1,10 +1,12 @@
 """Which method tells the uncertainty of a run's answers, and what contradicts itself."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from plugin_packages import pretend_installed
 
 from uasthn_cli.config import (
     BUNDLED_CALIBRATION,
@@ -17,7 +19,7 @@ from uasthn_cli.config import (
 )
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.pipeline import GeotagJob, open_run
-from uasthn_cli.pipeline.job import chosen_uncertainty
+from uasthn_cli.pipeline.job import chosen_calibration, chosen_uncertainty
 from uasthn_cli.uncertainty.calibration import AnswerKind, load_calibration
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
@@ -130,6 +132,36 @@ def test_a_calibration_speaks_of_the_answers_it_was_made_of(
         assert chosen_uncertainty(calibrated).method is UeMethod.CROPTTA
         return
     with pytest.raises(ValueError, match=why):
+        chosen_uncertainty(calibrated)
+
+
+def test_without_a_word_the_calibration_in_the_box_judges_what_it_was_made_of() -> None:
+    default = GeotagJob(Path("a.tlog"), Path("frames"), Path("map.tif"), CameraSpec(hfov_deg=45.0))
+    assert chosen_calibration(default) == BUNDLED
+    assert chosen_calibration(replace(default, calibration=None)) is None
+    own = replace(BUNDLED, note="my own")
+    assert chosen_calibration(replace(default, calibration=own)) == own
+    assert chosen_calibration(default, is_given=True) is None
+    assert chosen_calibration(replace(default, weights=(Path("a.safetensors"),))) is None
+    assert chosen_calibration(replace(default, config=GeotagConfig(ensemble=True))) is None
+    for name in ("ncc", "ihn", "vismatch:xfeat"):
+        assert chosen_calibration(job(estimator=name)) is None
+
+
+def test_no_calibration_judges_an_estimator_of_another_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = "from uasthn_cli.matching.registry import XCORR\nfrom dataclasses import replace\n"
+    source += "SPEC = replace(XCORR, name='theirs')\n"
+    monkeypatch.delitem(sys.modules, "my_package", raising=False)
+    points = "theirs = my_package:SPEC"
+    pretend_installed(tmp_path, monkeypatch, "my-package", points, source)
+    theirs = job(0, estimator="theirs")
+    assert chosen_calibration(theirs) is None
+    assert chosen_uncertainty(theirs).method is UeMethod.CROPTTA
+    made_of = AnswerKind("theirs", "croptta")
+    calibrated = replace(theirs, calibration=replace(BUNDLED, made_of=made_of))
+    with pytest.raises(ValueError, match="no calibration judges theirs"):
         chosen_uncertainty(calibrated)
 
 

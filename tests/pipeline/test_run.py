@@ -204,6 +204,7 @@ def test_a_coarse_map_is_enlarged_only_so_far(tmp_path: Path) -> None:
 def test_an_estimator_can_be_given(flight: PosedFlight) -> None:
     with opened(flight, NccEstimator(NccChannel.GRADIENT)) as run:
         assert run.describe()["estimator"] == "ncc-gradient"
+        assert run.calibration is None
         fix = one_alone(run, flight.names[0])
     assert isinstance(fix, Fix)
     assert errors_m(fix, flight.poses[0])["center"] < MAP_GSD_M

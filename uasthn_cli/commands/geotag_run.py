@@ -69,7 +69,7 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
             crs = run.map_crs if target.crs == MAP_CRS else target.crs
             write_run(target.out, outcome.results, record, truth, crs)
             journals.remove()
-        for line in lines_of(run, outcome):
+        for line in lines_of(job, outcome):
             say(line)
     return outcome.results
 

@@ -10,7 +10,7 @@ from uasthn_cli.commands.console import progress
 from uasthn_cli.commands.flight_lines import flight_lines
 from uasthn_cli.errors import RunInterruptedError
 from uasthn_cli.outputs.journal import LOCATED, NEAR_LOOKS, Journal
-from uasthn_cli.pipeline import Outcome, Run, drive
+from uasthn_cli.pipeline import GeotagJob, Outcome, Run, drive
 from uasthn_cli.types import Fix, Located, NearLook
 
 _UNFUSED: Final = (
@@ -66,9 +66,9 @@ def finish_run(run: Run, journals: RunJournals) -> Outcome:
         ) from interrupt
 
 
-def lines_of(run: Run, outcome: Outcome) -> list[str]:
+def lines_of(job: GeotagJob, outcome: Outcome) -> list[str]:
     """Return what a person should hear of the flight: its constants, or why there is none."""
     if outcome.survey is not None:
-        return flight_lines(run.camera, outcome.survey)
-    has_no_scores = run.fuses and any(isinstance(result, Fix) for result in outcome.results)
-    return [_UNFUSED] if has_no_scores else []
+        return flight_lines(job.camera, outcome.survey)
+    is_missed = job.config.fuse and any(isinstance(result, Fix) for result in outcome.results)
+    return [_UNFUSED] if is_missed and not job.spec.scores_shifts else []
