@@ -10,6 +10,7 @@ import pytest
 from frame_results import make_failure, make_fix, make_record, make_rejected
 
 from uasthn_cli.config import CropTtaConfig, GeotagConfig
+from uasthn_cli.outputs import run_record
 from uasthn_cli.outputs.run_record import (
     counts,
     file_sha256,
@@ -116,6 +117,12 @@ def test_fingerprint_knows_every_section_and_no_order_of_keys() -> None:
     assert base != fingerprint_of({"a": 1, "b": 2.0000000000000004}, {"map": "00"})
     assert base != fingerprint_of({"a": 1, "b": 2.0}, {"map": "01"})
     assert base != fingerprint_of({"a": 1, "b": 2.0})
+
+
+def test_fingerprint_knows_the_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = fingerprint_of({"a": 1})
+    monkeypatch.setattr(run_record, "code_version", lambda: "0.2.0+src.00000000")
+    assert fingerprint_of({"a": 1}) != before
 
 
 def test_file_hash(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 import sys
 from dataclasses import replace
 from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,8 @@ from uasthn_cli.matching.spec import GROUP, EstimatorSpec, Opening
 from uasthn_cli.version import source_digest
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from uasthn_cli.seam import Estimator
 
 
@@ -51,7 +52,7 @@ def plugin_spec(name: str) -> EstimatorSpec | None:
 
 
 @lru_cache
-def _loaded(point: EntryPoint) -> EstimatorSpec:
+def _loaded(point: "EntryPoint") -> EstimatorSpec:
     """Import a package's specification; what is opened by it fails in one line, too."""
     try:
         spec = point.load()
@@ -77,28 +78,30 @@ def _loaded(point: EntryPoint) -> EstimatorSpec:
     return replace(spec, open=open_guarded, calibration=None, package=package)
 
 
-def _unusable(point: EntryPoint, why: Exception | str) -> PluginError:
+def _unusable(point: "EntryPoint", why: Exception | str) -> PluginError:
     reason = why if isinstance(why, str) else f"{type(why).__name__}: {why}"
     return PluginError(f"--estimator {point.name} of {_package(point)} cannot be used: {reason}")
 
 
-def _package(point: EntryPoint) -> str:
+def _package(point: "EntryPoint") -> str:
     """Return the name and version of the package that an entry point belongs to."""
     dist = point.dist
     return f"module {point.module}" if dist is None else f"{dist.name} {dist.version}"
 
 
-def _source_digest(point: EntryPoint) -> str:
+def _source_digest(point: "EntryPoint") -> str:
     """Return the hash of the package's source: resuming must tell two states of it apart."""
     path = Path(getattr(sys.modules[point.module.partition(".")[0]], "__file__", None) or "")
     return source_digest(path.parent if path.name == "__init__.py" else path)
 
 
-def _points() -> tuple[EntryPoint, ...]:
+def _points() -> tuple["EntryPoint", ...]:
     return _points_on(tuple(sys.path))
 
 
 @lru_cache
-def _points_on(_: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+def _points_on(_: tuple[str, ...]) -> tuple["EntryPoint", ...]:
     """Return the entry points on a search path: reading all packages' takes some milliseconds."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - `uasthn --help` does without it
+
     return tuple(entry_points(group=GROUP))
