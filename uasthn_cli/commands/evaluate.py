@@ -273,8 +273,8 @@ def _settings(source: str, spec: Any, values: dict[str, Any]) -> "tuple[Settings
     from uasthn_cli.matching.registry import code_of, spec_of
 
     crops: CropTtaConfig = values["crops"]
-    spec_of_estimator = spec_of(values["estimator"])
-    width_px = values["width_px"] or spec_of_estimator.working_width_px
+    asked = spec_of(values["estimator"])
+    width_px = values["width_px"] or asked.working_width_px
     settings = Settings(
         dataset=source,
         estimator=values["estimator"],
@@ -292,7 +292,7 @@ def _settings(source: str, spec: Any, values: dict[str, Any]) -> "tuple[Settings
         samples=spec.samples,
         split=spec.split,
         camera=str(spec.camera),
-        symmetries=values["symmetries"] if spec_of_estimator.has_symmetries else None,
+        symmetries=values["symmetries"] if asked.has_symmetries else None,
         ue_iterations=values["ue_iterations"],
         tgm=None if values["tgm"] is None else describe_file(values["tgm"]),
         version=code_of(values["estimator"]),

@@ -91,8 +91,12 @@ def _package(point: "EntryPoint") -> str:
 
 def _source_digest(point: "EntryPoint") -> str:
     """Return the hash of the package's source: resuming must tell two states of it apart."""
-    path = Path(getattr(sys.modules[point.module.partition(".")[0]], "__file__", None) or "")
-    return source_digest(path.parent if path.name == "__init__.py" else path)
+    for name in (point.module.partition(".")[0], point.module):
+        file = sys.modules[name].__file__
+        if file is not None:  # a namespace has none
+            path = Path(file)
+            return source_digest(path.parent if path.name == "__init__.py" else path)
+    return "unknown"
 
 
 def _points() -> tuple["EntryPoint", ...]:
