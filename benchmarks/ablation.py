@@ -21,7 +21,7 @@ import numpy as np
 from held import FLIGHTS, PAIR, FrameScore, evaluate
 from tables import markdown_table, number, use_threads
 
-from uasthn_cli.config import Precision
+from uasthn_cli.config import TOLERANCE_M, Precision
 from uasthn_cli.matching.architecture import XcorrArchitecture
 from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.matching.networks import XcorrModel
@@ -36,7 +36,6 @@ from uasthn_cli.training.trainee import Trainee, TrainingConfig, open_trainee
 
 ARCHITECTURE = XcorrArchitecture(16, (16, 32, 48, 64))
 WINDOWS = 5
-TOLERANCE_M = 25.0
 NAIP = (("naip/*.tif", 1.5),)
 RESEARCH = (
     ("research/aid_desert/*", 1.2),

@@ -21,8 +21,8 @@ from torch import nn
 from uasthn_cli.config import Precision
 from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.matching.networks import XcorrModel
+from uasthn_cli.matching.registry import XCORR
 from uasthn_cli.matching.torch_weights import serialise_xcorr
-from uasthn_cli.matching.weights import BUNDLED_XCORR
 from uasthn_cli.outputs.atomic import write_bytes, write_text
 from uasthn_cli.training.loop import train_steps
 from uasthn_cli.training.losses import window_statistics
@@ -122,7 +122,7 @@ def _with_statistics_of(model: XcorrModel, map_path: Path) -> XcorrModel:
     show_default=True,
     help="Folder with flights/ and pairs/.",
 )
-@click.option("--weights", type=click.Path(path_type=Path), default=BUNDLED_XCORR)
+@click.option("--weights", type=click.Path(path_type=Path), default=XCORR.bundled_weights[0])
 @click.option("--out", type=click.Path(path_type=Path), required=True)
 @click.option("--steps", type=click.IntRange(min=1), default=120, show_default=True)
 @click.option("--recipe", "names", multiple=True, type=click.Choice(list(RECIPES)))

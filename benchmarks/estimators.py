@@ -21,18 +21,17 @@ from phase_correlation import PhaseCorrelationEstimator
 from prior import PriorEstimator
 from tables import machine_line, markdown_table, number, use_threads
 
-from uasthn_cli.config import GeotagConfig
+from uasthn_cli.config import TOLERANCE_M, GeotagConfig
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.matching.ncc import NccChannel, NccEstimator
 from uasthn_cli.outputs.atomic import write_text
+from uasthn_cli.outputs.formatting import frame_of
 from uasthn_cli.outputs.truth import Truth, center_error_m, read_truth
-from uasthn_cli.pipeline import GeotagJob, open_run
+from uasthn_cli.pipeline import GeotagJob, drive, open_run
 from uasthn_cli.seam import Estimator
 from uasthn_cli.types import BoolArray, Fix, FloatArray, FrameResult
-from uasthn_cli.uncertainty.calibration import load_bundled_calibration
 
-TOLERANCE_M = 25.0
 UNIT = "ncc"
 """The estimator whose time others are counted in."""
 
@@ -80,12 +79,10 @@ class Score:
 def score(job: GeotagJob, flight: str, name: str, truth: Truth) -> Score:
     """Run one estimator over a flight and compare with the truth."""
     job = replace(job, config=replace(job.config, fuse=name.endswith(FLIGHT)))
-    if name.startswith("xcorr"):
-        job = replace(job, calibration=load_bundled_calibration())
     with open_run(job, ESTIMATORS[name]()) as run:
-        results = run.answers()
+        results = drive(run).results
         own_s = sum(run.timings.get(stage, 0.0) for stage in ("features", "search", "fuse"))
-    known = [result for result in results if _name_of(result) in truth.frames]
+    known = [result for result in results if frame_of(result).name in truth.frames]
     ce_m = np.array([_ce_m(result, truth) for result in known])
     accepted = np.array([isinstance(result, Fix) and result.accepted for result in known])
     return Score(
@@ -199,14 +196,10 @@ def _job(folder: Path, hfov_deg: float, radius_m: float) -> GeotagJob:
     )
 
 
-def _name_of(result: FrameResult) -> str:
-    return result.prior.frame.name if isinstance(result, Fix) else result.frame.name
-
-
 def _ce_m(result: FrameResult, truth: Truth) -> float:
     if not isinstance(result, Fix):
         return math.inf
-    error_m = center_error_m(result, truth.frames[_name_of(result)])
+    error_m = center_error_m(result, truth.frames[frame_of(result).name])
     return error_m if math.isfinite(error_m) else math.inf
 
 

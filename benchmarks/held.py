@@ -137,7 +137,8 @@ def _flight_scores(
         origin = run.describe()["local_origin"]
         local = LocalFrame(origin["lat"], origin["lon"])
         grid = MapGrid(run.describe()["map_gsd_m"])
-        for result in run.results():
+        for located in run.locate():  # one by one: the probe knows the frame seen last
+            result = located.result
             if not isinstance(result, Fix) or result.prior.frame.name not in truth.frames:
                 continue
             true = truth.frames[result.prior.frame.name]

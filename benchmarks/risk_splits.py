@@ -18,6 +18,7 @@ from tables import markdown_table, number
 from uasthn_cli.calibration.answers import Answers, IndexArray
 from uasthn_cli.calibration.load import load_answers
 from uasthn_cli.calibration.run import CalibrationSettings, acceptance_risks, judge
+from uasthn_cli.config import CONFIDENCE_LEVEL, TARGET_RISK, TOLERANCE_M
 from uasthn_cli.outputs.atomic import write_text
 from uasthn_cli.types import BoolArray, FloatArray
 
@@ -88,9 +89,9 @@ def as_csv(results: list[Split]) -> str:
 @click.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 @click.option("--splits", type=click.IntRange(min=1), default=200, show_default=True)
-@click.option("--risk", type=float, default=0.05, show_default=True)
-@click.option("--confidence", type=float, default=0.9, show_default=True)
-@click.option("--tolerance-m", type=float, default=25.0, show_default=True, metavar="M")
+@click.option("--risk", type=float, default=TARGET_RISK, show_default=True)
+@click.option("--confidence", type=float, default=CONFIDENCE_LEVEL, show_default=True)
+@click.option("--tolerance-m", type=float, default=TOLERANCE_M, show_default=True, metavar="M")
 @click.option("--by-flight", is_flag=True, help="Leave flights out instead of frames.")
 @click.option("--seed", type=int, default=0, show_default=True)
 @click.option(

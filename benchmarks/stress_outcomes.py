@@ -12,13 +12,13 @@ from scipy.stats import binomtest
 from tables import machine_line, markdown_table, number
 
 from uasthn_cli.commands.geotag import geotag
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.errors import MapElsewhereError
 from uasthn_cli.report.load import load_run
 from uasthn_cli.synth.flight_folder import flight_in
 from uasthn_cli.synth.kinds import StressCategory
 from uasthn_cli.synth.stress import ON_MAP_COLUMN
 
-TOLERANCE_M = 25.0
 NO_OVERLAP = "map-elsewhere"
 CONFIDENCE = 0.95
 

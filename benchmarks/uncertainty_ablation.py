@@ -17,17 +17,18 @@ from typing import Any, Final
 import click
 from tables import machine_line, markdown_table, number, use_threads
 
-from uasthn_cli.config import Aggregation, CropTtaConfig, Merge, Sampling, UeMethod
+from uasthn_cli.config import Aggregation, CropTtaConfig, GeotagConfig, Merge, Sampling, UeMethod
 from uasthn_cli.datasets.opening import open_dataset
 from uasthn_cli.datasets.spec import DatasetSpec
 from uasthn_cli.evaluation.judging import Judged, JudgingConfig, judge
 from uasthn_cli.evaluation.members import describe_weights, open_members
 from uasthn_cli.evaluation.metrics import acceptance_curve, score
 from uasthn_cli.evaluation.predictions import Predictions, Settings
-from uasthn_cli.evaluation.protocol import WORKING_WIDTH_PX, ProtocolConfig
+from uasthn_cli.evaluation.protocol import ProtocolConfig
 from uasthn_cli.evaluation.run import predict_to_file
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching.memory import keep_freed_memory
+from uasthn_cli.matching.registry import spec_of
 from uasthn_cli.outputs.atomic import write_bytes, write_text
 from uasthn_cli.report.drawing import Axes, Figure, encode, styled
 
@@ -111,14 +112,14 @@ class Subject:
             seed=arm.crops.seed,
             max_offset_m=self.spec.max_offset_m,
             window_m=self.spec.window_m,
-            width_px=WORKING_WIDTH_PX.get(self.estimator),
+            width_px=spec_of(self.estimator).working_width_px,
             device="cpu",
             thermal_m=self.spec.thermal_m,
             gsd_m=self.spec.gsd_m,
             samples=self.spec.samples,
             split=self.spec.split,
             camera=str(self.spec.camera),
-            symmetries=self.symmetries if self.estimator == "xcorr" else None,
+            symmetries=self.symmetries if spec_of(self.estimator).has_symmetries else None,
             ue_iterations=arm.ue_iterations,
         )
 
@@ -134,7 +135,7 @@ def arms_of(
     for aggregation in Aggregation:
         judging = JudgingConfig(aggregation=aggregation)
         yield Arm("aggregation", f"crops, {aggregation}", base, alone, judging=judging)
-    if estimator in ("ihn", "sthn"):
+    if spec_of(estimator).has_early_stopping:
         for steps in _STOPS:
             yield Arm("early stopping", f"after {steps}", base, alone, steps)
     if ensemble or len(weights) > 1:
@@ -239,7 +240,7 @@ def _trained(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> 
 
 @click.command()
 @click.argument("dataset")
-@click.option("--estimator", default="xcorr", show_default=True)
+@click.option("--estimator", default=GeotagConfig().estimator, show_default=True)
 @click.option("--weights", type=click.Path(exists=True, path_type=Path), multiple=True)
 @click.option("--ensemble", is_flag=True, help="The three networks in the box.")
 @click.option("--trained", multiple=True, callback=_trained, metavar="CROPS=WEIGHTS")

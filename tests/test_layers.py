@@ -9,7 +9,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "uasthn_cli"
 
 LAYERS = (
-    {"errors", "types", "config"},
+    {"errors", "types", "config", "version"},
     {"geometry", "seam"},
     {"ingest", "mapping", "matching", "fusion", "uncertainty", "outputs", "report"},
     {"pipeline"},

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
 
 class Sampling(StrEnum):
@@ -66,8 +67,25 @@ class Precision(StrEnum):
     BFLOAT16 = "bfloat16"
 
 
+WEIGHTS_FOLDER = Path(__file__).parent / "weights"
+"""The weights in the box, and what belongs to them."""
+
+BUNDLED_CALIBRATION = WEIGHTS_FOLDER / "calibration.json"
+
 RESIZED_WIDTH_PX = 256
 """W_R of the paper: the width at which thresholds in pixels are stated."""
+
+TOLERANCE_M = 25.0
+"""The paper's tolerance: an answer this near to the truth is right.
+
+Confidence is the posterior mass as near to the answer.
+"""
+
+TARGET_RISK = 0.05
+"""Share of accepted answers that a calibration lets lie beyond the tolerance."""
+
+CONFIDENCE_LEVEL = 0.9
+"""How sure a calibration is of keeping that promise."""
 
 DEFAULT_SYMMETRIES = 1
 """Orientations in which xcorr sees both images (1 to 8): more are slower, and hardly surer."""
@@ -82,7 +100,10 @@ It stays the same for a whole flight, so no posterior sees it. Chosen by CE90 on
 those of the calibration in the box and the ones that judge it.
 """
 
-CROP_OFFSET_FRACTION = 32 / 512
+PAPER_THERMAL_PX = 512
+"""W_T of the paper: the width of a thermal image, in whose pixels it states crop offsets."""
+
+CROP_OFFSET_FRACTION = 32 / PAPER_THERMAL_PX
 """o_c / W_T of the paper."""
 
 

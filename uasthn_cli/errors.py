@@ -133,6 +133,12 @@ class PredictionsError(UasthnError):
     exit_code = 28
 
 
+class PluginError(UasthnError):
+    """An estimator of another package cannot be used, or takes a name of this one's."""
+
+    exit_code = 29
+
+
 class RunInterruptedError(UasthnError):
     """Ctrl-C stopped a run that goes on when the same command is given again."""
 

@@ -41,11 +41,10 @@ class Reason(StrEnum):
 
 
 class Source(StrEnum):
-    """What an answer rests on: the frame alone, the whole flight, or the log alone."""
+    """What an answer rests on: the frame alone, or the whole flight."""
 
     FIX = "fix"
     FUSED = "fused"
-    PRIOR = "prior"
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from keypoints import KeypointEstimator, Keypoints, akaze_magsac, has_akaze, sift_magsac
 from matching_scene import centred_origin, encoded, full_view, map_window, thermal_cut
-from posed_flight import POSES, make_posed_flight, opened
+from posed_flight import POSES, alone, make_posed_flight, opened
 from small_flight import ground_texture
 
 from uasthn_cli.types import FrameFailure, Reason
@@ -50,6 +50,6 @@ def test_a_frame_without_keypoints_becomes_a_row(tmp_path: Path) -> None:
 
     flight = make_posed_flight(tmp_path / "posed", POSES[:2])
     with opened(flight, Blind("blind", cv2.SIFT.create(), cv2.NORM_L2), gsd_m=1.0) as run:
-        for result in run.results():
+        for result in alone(run):
             assert isinstance(result, FrameFailure)
             assert result.reason is Reason.DEGENERATE_HOMOGRAPHY

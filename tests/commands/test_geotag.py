@@ -10,10 +10,10 @@ import pytest
 from click.testing import CliRunner
 from small_flight import Flight
 
-from uasthn_cli import __version__
 from uasthn_cli.commands.main import main
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
 from uasthn_cli.uncertainty.risk_model import RiskModel, SignalTerm, Transform
+from uasthn_cli.version import code_version
 
 
 def record(out: Path) -> dict[str, Any]:
@@ -47,7 +47,7 @@ def test_record_says_what_was_run(flight: Flight, tmp_path: Path) -> None:
     arguments = flight.arguments(out, "--truth", str(flight.truth), "--max-std", "4px")
     assert CliRunner().invoke(main, arguments).exit_code == 0
     run = record(out)
-    assert run["version"] == __version__
+    assert run["version"] == code_version()
     assert run["arguments"]["config"]["decision"]["max_std_px"] == 4.0
     assert run["arguments"]["config"]["search_radius_m"] == 40.0
     assert run["camera"]["hfov_deg"] == 45.0

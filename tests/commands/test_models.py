@@ -17,7 +17,7 @@ from uasthn_cli.matching.displacement.checkpoints import (
     serialise_checkpoint,
     serialise_folder,
 )
-from uasthn_cli.matching.weights import BUNDLED_XCORR
+from uasthn_cli.matching.registry import XCORR
 
 REPOSITORY = "xjh19972/UASTHN"
 COMMIT, LATER = "a" * 40, "b" * 40
@@ -63,7 +63,9 @@ def test_info_of_our_own_weights(name: str, tmp_path: Path) -> None:
 
 
 def test_info_of_the_weights_in_the_box_and_of_the_authors_layout(tmp_path: Path) -> None:
-    assert json.loads(run("info", BUNDLED_XCORR, "--json").stdout)["estimator"] == "xcorr"
+    assert (
+        json.loads(run("info", XCORR.bundled_weights[0], "--json").stdout)["estimator"] == "xcorr"
+    )
     path = tmp_path / "STHN_best_model.pth"
     path.write_bytes(serialise_checkpoint(small_model("sthn")))
     shown = json.loads(run("info", path, "--json").stdout)

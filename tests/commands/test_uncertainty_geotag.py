@@ -219,7 +219,7 @@ def test_steps_of_dhn_cannot_be_stopped_and_no_file_counts_twice(
     options = ("--estimator", "dhn", "--ue-iterations", "1")
     stopped = geotag(flight, tmp_path / "out", [dhn], *options)
     assert stopped.exit_code == 19
-    assert "dhn with these weights takes 0" in stopped.stderr
+    assert "dhn takes no steps that could be stopped" in stopped.stderr
     twice = geotag(flight, tmp_path / "out", [dhn, dhn], "--estimator", "dhn")
     assert twice.exit_code == 2
     assert "is given twice" in twice.stderr

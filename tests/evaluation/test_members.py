@@ -4,7 +4,7 @@ import pytest
 
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.evaluation.members import describe_weights, open_members
-from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE
+from uasthn_cli.matching.registry import XCORR
 
 
 def test_members_are_the_files_given_or_those_in_the_box() -> None:
@@ -12,12 +12,12 @@ def test_members_are_the_files_given_or_those_in_the_box() -> None:
         return len(open_members(name, weights, device="cpu", symmetries=1, ensemble=ensemble))
 
     assert count(name="ncc") == 1
-    assert count(*BUNDLED_ENSEMBLE[:2]) == 2
-    assert count(ensemble=True) == len(BUNDLED_ENSEMBLE) == 3
+    assert count(*XCORR.bundled_weights[:2]) == 2
+    assert count(ensemble=True) == len(XCORR.bundled_weights) == 3
     with pytest.raises(WeightsError, match="ncc has no ensemble"):
         count(name="ncc", ensemble=True)
     with pytest.raises(WeightsError, match="leave out --weights"):
-        count(BUNDLED_ENSEMBLE[0], ensemble=True)
+        count(XCORR.bundled_weights[0], ensemble=True)
 
 
 def test_files_are_named_with_their_digest(tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.fusion.offsets import (
-    TOLERANCE_M,
     OffsetGrid,
     Placement2d,
     best_offset_m,
@@ -212,16 +212,6 @@ def test_convention_the_covariance_is_east_by_north() -> None:
     posterior = gaussian(grid, (3.0, -2.0), covariance_m2)
     found = summarise_posterior(posterior, 1.0, AT_PRIOR, np.array([3.0, -2.0])).covariance_m2
     assert found == pytest.approx(covariance_m2 + np.eye(2) / 12, abs=0.05)
-
-
-def test_confidence_is_the_mass_within_the_tolerance() -> None:
-    posterior = np.zeros((81, 81))
-    posterior[40, 40], posterior[40, 46], posterior[40, 47], posterior[70, 5] = 0.5, 0.2, 0.2, 0.1
-    summary = summarise_posterior(posterior, 4.0, AT_PRIOR, np.zeros(2))
-    assert TOLERANCE_M == 25.0
-    assert summary.confidence == pytest.approx(0.7)  # 24 m count, 28 m do not
-    assert summary.covariance_m2[0, 0] == pytest.approx(0.2 / 0.7 * 24.0**2 + 16 / 12)
-    assert summary.covariance_m2[1, 1] == pytest.approx(16 / 12)
 
 
 def test_a_second_hill_lowers_confidence_and_leaves_the_covariance() -> None:

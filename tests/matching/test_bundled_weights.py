@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from matching_scene import GSD_M, centred_origin, encoded, full_view, thermal_cut
 
-from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR, read_xcorr
+from uasthn_cli.config import TOLERANCE_M
+from uasthn_cli.matching.registry import XCORR
+from uasthn_cli.matching.weights import read_xcorr
 from uasthn_cli.matching.xcorr import XcorrEstimator, open_xcorr
 from uasthn_cli.synth.landscape import LandscapeKind, render_landscape
 from uasthn_cli.types import GridBox, MapGrid, MapStatistics, MapWindow
 
 WIDTH_PX, HEIGHT_PX = 288, 256
 CORNER_PX, SIZE_PX = (130, 60), (96, 80)
-TOLERANCE_M = 25.0
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def test_a_rendered_night_view_is_found(kind: LandscapeKind, estimator: XcorrEst
     assert estimate.confidence > 0.5
 
 
-@pytest.mark.parametrize("path", [BUNDLED_XCORR, *BUNDLED_ENSEMBLE], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", XCORR.bundled_weights, ids=lambda path: path.stem)
 def test_the_weights_say_how_they_came_about(path: Path) -> None:
     if not path.is_file():
         pytest.skip(f"{path.name} is not in the box")

@@ -23,8 +23,8 @@ def lively_model(seed: int) -> XcorrModel:
     model = XcorrModel(XcorrArchitecture(feature_channels=3, widths=(4, 6, 8, 10)))
     for module in model.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
-            module.running_mean.normal_()  # type: ignore[union-attr,operator]
-            module.running_var.uniform_(0.5, 2.0)  # type: ignore[union-attr,operator]
+            module.running_mean.normal_()  # type: ignore[union-attr]
+            module.running_var.uniform_(0.5, 2.0)  # type: ignore[union-attr]
             torch.nn.init.uniform_(module.weight, 0.5, 1.5)
             torch.nn.init.normal_(module.bias)
     return model.eval()

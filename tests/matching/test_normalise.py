@@ -4,8 +4,8 @@ import pytest
 import torch
 from torch import Tensor
 
+from uasthn_cli.matching.architecture import LOCAL_WINDOW_PX
 from uasthn_cli.matching.normalise import (
-    LOCAL_WINDOW_PX,
     local_contrast,
     local_mean,
     satellite_input,

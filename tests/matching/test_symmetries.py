@@ -21,7 +21,8 @@ def convolved(kernel: ImageArray) -> Encode:
     """Return an encoder of one channel that correlates the first plane with a kernel."""
 
     def encode(image: ImageArray, _: BoolArray) -> ImageArray:
-        return cv2.filter2D(image[0], -1, kernel, borderType=cv2.BORDER_CONSTANT)[None]
+        filtered = cv2.filter2D(image[0], -1, kernel, borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(filtered, np.float32)[None]
 
     return encode
 

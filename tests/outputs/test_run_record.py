@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from frame_results import make_failure, make_fix, make_record, make_rejected
 
-from uasthn_cli import __version__
 from uasthn_cli.config import CropTtaConfig, GeotagConfig
+from uasthn_cli.outputs import run_record
 from uasthn_cli.outputs.run_record import (
     counts,
     file_sha256,
@@ -23,6 +23,7 @@ from uasthn_cli.outputs.run_record import (
 from uasthn_cli.types import FrameFile, FrameResult, Reason
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
 from uasthn_cli.uncertainty.risk_model import RiskModel
+from uasthn_cli.version import code_version
 
 RESULTS: list[FrameResult] = [
     make_fix("1.png"),
@@ -49,7 +50,7 @@ def test_sections_and_rates() -> None:
         *("version", "arguments", "time_base", "frame_times", "camera", "inputs"),
         *("calibration", "flight", "counts", "notes", "timing"),
     ]
-    assert record["version"] == __version__
+    assert record["version"] == code_version()
     assert record["notes"] == {"map": "one window padded"}
     timing = record["timing"]
     assert timing["stages"]["decode"] == {"seconds": 0.5, "frames_per_s": 6.0}
@@ -116,6 +117,12 @@ def test_fingerprint_knows_every_section_and_no_order_of_keys() -> None:
     assert base != fingerprint_of({"a": 1, "b": 2.0000000000000004}, {"map": "00"})
     assert base != fingerprint_of({"a": 1, "b": 2.0}, {"map": "01"})
     assert base != fingerprint_of({"a": 1, "b": 2.0})
+
+
+def test_fingerprint_knows_the_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = fingerprint_of({"a": 1})
+    monkeypatch.setattr(run_record, "code_version", lambda: "0.2.0+src.00000000")
+    assert fingerprint_of({"a": 1}) != before
 
 
 def test_file_hash(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from uasthn_cli.config import CropTtaConfig, DecisionConfig, GeotagConfig, UeMet
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching.ncc import NccEstimator
-from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE
+from uasthn_cli.matching.registry import XCORR
 from uasthn_cli.pipeline import GeotagJob
 from uasthn_cli.pipeline.estimators import (
     open_base,
@@ -39,7 +39,7 @@ def test_the_first_file_is_the_base_network_and_the_others_are_members(tmp_path:
 
 
 def test_xcorr_is_one_estimator_of_all_its_networks() -> None:
-    asked = job(GeotagConfig(device="cpu", symmetries=2), *BUNDLED_ENSEMBLE[:2])
+    asked = job(GeotagConfig(device="cpu", symmetries=2), *XCORR.bundled_weights[:2])
     assert open_members(asked) == []
     assert len(open_base(asked)._members) == 2  # type: ignore[attr-defined]
 

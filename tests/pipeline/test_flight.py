@@ -24,7 +24,7 @@ from uasthn_cli.outputs.result_json import (
     encode_located,
     encode_near_look,
 )
-from uasthn_cli.pipeline import Run
+from uasthn_cli.pipeline import Run, drive
 from uasthn_cli.seam import Estimate
 from uasthn_cli.types import (
     Attitude,
@@ -235,7 +235,7 @@ def lines(results: list[FrameResult]) -> list[str]:
 
 def test_two_runs_give_equal_answers(lanes: PosedFlight, clean: Fused) -> None:
     with opened(lanes, **QUICK) as run:
-        assert lines(run.answers()) == lines(clean.results)
+        assert lines(drive(run).results) == lines(clean.results)
 
 
 def test_what_is_taken_over_from_journals_gives_the_same_answers(
@@ -262,7 +262,7 @@ def test_without_fusion_nothing_finer_is_opened(lanes: PosedFlight, clean: Fused
         described = run.describe()
     assert described["near_map_gsd_m"] == described["map_gsd_m"] == 2.0
     with opened(lanes, fuse=False, **QUICK) as run:
-        assert lines(run.answers()) == lines([*clean.singles])
+        assert lines(drive(run).results) == lines([*clean.singles])
 
 
 class Mute(NccEstimator):

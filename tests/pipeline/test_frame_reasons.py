@@ -12,6 +12,7 @@ from posed_flight import (
     SIZE_PX,
     Pose,
     PosedFlight,
+    alone,
     make_posed_flight,
     opened,
 )
@@ -53,7 +54,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, FrameResult]:
     spoil(flight)
     names = dict(zip(flight.names, BAD, strict=True)) | {OUTSIDE_LOG: "outside-log"}
     with opened(flight) as run:
-        return {names[result_name(result)]: result for result in run.results()}
+        return {names[result_name(result)]: result for result in alone(run)}
 
 
 def spoil(flight: PosedFlight) -> None:
@@ -123,7 +124,7 @@ def test_frames_of_another_size_are_placed_as_well(tmp_path: Path) -> None:
     half = cv2.resize(frame, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(path), half)
     with opened(flight) as run:
-        whole, small = run.results()
+        whole, small = alone(run)
     assert isinstance(whole, Fix)
     assert isinstance(small, Fix)
     assert small.accepted
@@ -224,7 +225,7 @@ def test_corners_on_a_line_are_a_degenerate_homography(flight: PosedFlight) -> N
     collapsed = np.array([[0.0, 0.0], [0.0, 0.0], [90.0, -90.0], [0.0, 0.0]])
     single = CropTtaConfig(views=1)
     with opened(flight, OnALine(collapsed), crops=single) as run:
-        result, *others = run.results()
+        result, *others = alone(run)
     assert isinstance(result, FrameFailure)
     assert result.reason is Reason.DEGENERATE_HOMOGRAPHY
     assert len(others) == len(flight.names) - 1

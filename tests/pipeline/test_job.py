@@ -1,12 +1,15 @@
 """Which method tells the uncertainty of a run's answers, and what contradicts itself."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from plugin_packages import pretend_installed
 
 from uasthn_cli.config import (
+    BUNDLED_CALIBRATION,
     Aggregation,
     CropTtaConfig,
     DecisionConfig,
@@ -16,12 +19,13 @@ from uasthn_cli.config import (
 )
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.pipeline import GeotagJob, open_run
-from uasthn_cli.pipeline.job import chosen_uncertainty
-from uasthn_cli.uncertainty.calibration import AnswerKind, load_bundled_calibration
+from uasthn_cli.pipeline.job import chosen_calibration, chosen_uncertainty
+from uasthn_cli.uncertainty.calibration import AnswerKind, load_calibration
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
 WHOLE = CropTtaConfig(views=1)
 MEAN = Aggregation.MEAN
+BUNDLED = load_calibration(BUNDLED_CALIBRATION)
 
 
 def job(members: int = 1, **settings: Any) -> GeotagJob:
@@ -102,9 +106,7 @@ def test_weights_not_yet_seen_may_have_a_second_head() -> None:
 
 
 def test_a_calibration_that_judges_by_the_spread_wants_one() -> None:
-    calibrated = replace(
-        job(estimator="xcorr", ue=UeMethod.NONE), calibration=load_bundled_calibration()
-    )
+    calibrated = replace(job(estimator="xcorr", ue=UeMethod.NONE), calibration=BUNDLED)
     with pytest.raises(ValueError, match=r"--ue none leaves out u_m.* add --calibration none"):
         chosen_uncertainty(calibrated)
     one_view = replace(calibrated, config=replace(calibrated.config, ue=None, crops=WHOLE))
@@ -125,9 +127,7 @@ def test_a_calibration_that_judges_by_the_spread_wants_one() -> None:
 def test_a_calibration_speaks_of_the_answers_it_was_made_of(
     made_of: AnswerKind | None, why: str | None
 ) -> None:
-    bundled = load_bundled_calibration()
-    assert bundled is not None
-    calibrated = replace(job(estimator="xcorr"), calibration=replace(bundled, made_of=made_of))
+    calibrated = replace(job(estimator="xcorr"), calibration=replace(BUNDLED, made_of=made_of))
     if why is None:
         assert chosen_uncertainty(calibrated).method is UeMethod.CROPTTA
         return
@@ -135,15 +135,43 @@ def test_a_calibration_speaks_of_the_answers_it_was_made_of(
         chosen_uncertainty(calibrated)
 
 
+def test_without_a_word_the_calibration_in_the_box_judges_what_it_was_made_of() -> None:
+    default = GeotagJob(Path("a.tlog"), Path("frames"), Path("map.tif"), CameraSpec(hfov_deg=45.0))
+    assert chosen_calibration(default) == BUNDLED
+    assert chosen_calibration(replace(default, calibration=None)) is None
+    own = replace(BUNDLED, note="my own")
+    assert chosen_calibration(replace(default, calibration=own)) == own
+    assert chosen_calibration(default, is_given=True) is None
+    assert chosen_calibration(replace(default, weights=(Path("a.safetensors"),))) is None
+    assert chosen_calibration(replace(default, config=GeotagConfig(ensemble=True))) is None
+    for name in ("ncc", "ihn", "vismatch:xfeat"):
+        assert chosen_calibration(job(estimator=name)) is None
+
+
+def test_no_calibration_judges_an_estimator_of_another_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = "from uasthn_cli.matching.registry import XCORR\nfrom dataclasses import replace\n"
+    source += "SPEC = replace(XCORR, name='theirs')\n"
+    monkeypatch.delitem(sys.modules, "my_package", raising=False)
+    points = "theirs = my_package:SPEC"
+    pretend_installed(tmp_path, monkeypatch, "my-package", points, source)
+    theirs = job(0, estimator="theirs")
+    assert chosen_calibration(theirs) is None
+    assert chosen_uncertainty(theirs).method is UeMethod.CROPTTA
+    made_of = AnswerKind("theirs", "croptta")
+    calibrated = replace(theirs, calibration=replace(BUNDLED, made_of=made_of))
+    with pytest.raises(ValueError, match="no calibration judges theirs"):
+        chosen_uncertainty(calibrated)
+
+
 def test_what_weights_may_change_is_judged_when_they_are_known() -> None:
-    bundled = load_bundled_calibration()
-    assert bundled is not None
     made_of = AnswerKind("dhn", "none")
-    terms = tuple(term for term in bundled.single.model.terms if term.signal != "u_m")
-    single = replace(bundled.single, model=replace(bundled.single.model, terms=terms))
+    terms = tuple(term for term in BUNDLED.single.model.terms if term.signal != "u_m")
+    single = replace(BUNDLED.single, model=replace(BUNDLED.single.model, terms=terms))
     asked = job(estimator="dhn", crops=CropTtaConfig(views=1))
     calibrated = replace(
-        asked, calibration=replace(bundled, made_of=made_of, single=single, fused=None)
+        asked, calibration=replace(BUNDLED, made_of=made_of, single=single, fused=None)
     )
     assert chosen_uncertainty(calibrated).method is UeMethod.DM
     assert chosen_uncertainty(calibrated, has_head=False).method is UeMethod.NONE

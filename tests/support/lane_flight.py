@@ -7,7 +7,7 @@ import numpy as np
 from posed_flight import SIZE_PX, FloatArray, Pose, PosedFlight, corner_pixels, degrees, ground_m
 
 from uasthn_cli.geometry.geodesy import distance_m
-from uasthn_cli.pipeline import Run, Survey
+from uasthn_cli.pipeline import Run, Survey, drive
 from uasthn_cli.types import Fix, FrameResult, Located
 
 LANES, FRAMES_A_LANE = 8, 4
@@ -55,11 +55,9 @@ class Fused:
 
 def fused(run: Run) -> Fused:
     """Take a run through all of its steps."""
-    located = list(run.locate())
-    survey = run.survey(located)
-    assert survey is not None
-    near = {look.frame.name: look for look in run.look_again(survey)}
-    return Fused(located, survey, run.fuse(located, survey, near))
+    outcome = drive(run)
+    assert outcome.survey is not None
+    return Fused(list(outcome.located), outcome.survey, outcome.results)
 
 
 def errors_m(fixes: Sequence[Fix], flight: PosedFlight) -> FloatArray:

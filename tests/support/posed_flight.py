@@ -30,6 +30,7 @@ from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.ingest.mavlink import TlogWriter
 from uasthn_cli.pipeline import GeotagJob, Run, open_run
 from uasthn_cli.seam import Estimator
+from uasthn_cli.types import FrameResult
 
 FloatArray = NDArray[np.float64]
 
@@ -214,6 +215,11 @@ def opened(
     )
     with open_run(job, estimator) as run:
         yield run
+
+
+def alone(run: Run) -> list[FrameResult]:
+    """Return what each frame gave alone, in frame order."""
+    return [entry.result for entry in run.locate()]
 
 
 def make_posed_flight(

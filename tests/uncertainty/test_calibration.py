@@ -6,14 +6,12 @@ from typing import Any
 
 import pytest
 
+from uasthn_cli.config import BUNDLED_CALIBRATION
 from uasthn_cli.errors import CalibrationError
-from uasthn_cli.uncertainty import calibration as calibration_module
 from uasthn_cli.uncertainty.calibration import (
-    BUNDLED_CALIBRATION,
     AnswerKind,
     Calibration,
     Judgement,
-    load_bundled_calibration,
     load_calibration,
 )
 from uasthn_cli.uncertainty.risk_model import RiskModel, SignalTerm, Transform
@@ -105,10 +103,5 @@ def test_unreadable_files(tmp_path: Path, content: str | None, message: str) -> 
     assert str(path) in str(caught.value)
 
 
-def test_the_bundled_calibration_is_sound_if_there_is_one() -> None:
-    assert (load_bundled_calibration() is not None) == BUNDLED_CALIBRATION.exists()
-
-
-def test_a_package_without_calibration(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(calibration_module, "BUNDLED_CALIBRATION", tmp_path / "none.json")
-    assert load_bundled_calibration() is None
+def test_the_bundled_calibration_is_sound() -> None:
+    assert load_calibration(BUNDLED_CALIBRATION).to_json()

@@ -48,7 +48,7 @@ def test_what_is_not_there_is_named(method: UeMethod, why: str) -> None:
 
 
 def test_only_xcorr_is_told_of_the_ensemble_in_the_box() -> None:
-    told = [refusal(UeMethod.DE, Offer(name, 5, 1, False)) for name in ("xcorr", "ihn")]
+    told = [refusal(UeMethod.DE, Offer("ihn", 5, 1, False, box)) for box in (True, False)]
     assert ["--ensemble" in str(why) for why in told] == [True, False]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from uasthn_cli.calibration.answers import Answers, RunAnswers
 from uasthn_cli.calibration.fit import fit_risk_model
+from uasthn_cli.config import CONFIDENCE_LEVEL, TARGET_RISK, TOLERANCE_M
 from uasthn_cli.errors import CalibrationError
 from uasthn_cli.types import FloatArray
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
@@ -34,9 +35,9 @@ class CalibrationSettings:
     ``thin`` uses only every so many-th frame of each flight, which makes them less dependent.
     """
 
-    tolerance_m: float = 25.0
-    target_risk: float = 0.05
-    confidence_level: float = 0.9
+    tolerance_m: float = TOLERANCE_M
+    target_risk: float = TARGET_RISK
+    confidence_level: float = CONFIDENCE_LEVEL
     seed: int = 0
     thin: int = 1
 

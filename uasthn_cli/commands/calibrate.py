@@ -9,6 +9,7 @@ import click
 from uasthn_cli.commands.options import output_option
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO, FiniteRange
 from uasthn_cli.commands.sections import SectionedCommand, section_option
+from uasthn_cli.config import CONFIDENCE_LEVEL, TARGET_RISK, TOLERANCE_M
 from uasthn_cli.errors import OutputError
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ class StretchType(click.ParamType["GpsStretch"]):
     "--risk",
     "target_risk",
     type=_SHARE,
-    default=0.05,
+    default=TARGET_RISK,
     show_default=True,
     metavar="SHARE",
     help="Largest share of accepted frames beyond the tolerance.",
@@ -95,7 +96,7 @@ class StretchType(click.ParamType["GpsStretch"]):
     "--confidence",
     "confidence_level",
     type=_SHARE,
-    default=0.9,
+    default=CONFIDENCE_LEVEL,
     show_default=True,
     metavar="SHARE",
     help="How sure the promise is: of so many calibrations made like this, this share keep it.",
@@ -103,7 +104,7 @@ class StretchType(click.ParamType["GpsStretch"]):
 @promise_option(
     "--tolerance-m",
     type=ABOVE_ZERO,
-    default=25.0,
+    default=TOLERANCE_M,
     show_default=True,
     metavar="METRES",
     help="CE up to which a frame counts as right.",

@@ -9,6 +9,7 @@ from uasthn_cli.commands.cache_option import cache_option
 from uasthn_cli.commands.console import progress, say
 from uasthn_cli.commands.options import out_option, overwrite_option
 from uasthn_cli.commands.sections import SectionedCommand, section_option
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.errors import RunInterruptedError
 
 _EXAMPLES: Final = """\
@@ -21,7 +22,6 @@ What it ran, to try other settings on the same flight:
       --hfov 45 --truth DIR/flight/truth.csv --out DIR/results
 """
 
-_TOLERANCE_M: Final = 25.0
 _FRAMES: Final = 24
 
 flight_option = section_option("Flight")
@@ -49,7 +49,7 @@ def demo(seed: int, out: Path, overwrite: bool, cache_dir: Path | None) -> None:
     The landscape, its night-time thermal frames and a log whose GPS drifts by up to 80 m are made
     up, so the truth is known to the pixel. Takes under two minutes on two CPU cores.
     """
-    from uasthn_cli.commands.geotag import chosen_calibration, say_summary
+    from uasthn_cli.commands.geotag import say_summary
     from uasthn_cli.commands.geotag_run import Target, geotag_to_folder
     from uasthn_cli.commands.report import print_report
     from uasthn_cli.ingest.cameras import CameraSpec
@@ -65,7 +65,6 @@ def demo(seed: int, out: Path, overwrite: bool, cache_dir: Path | None) -> None:
         frames_path=flight.frames,
         map_path=flight.map,
         camera=CameraSpec(hfov_deg=config.hfov_deg),
-        calibration=chosen_calibration("default", "xcorr"),
         cache_dir=cache_dir,
     )
     target = Target(out / "results", flight.truth, overwrite=overwrite)
@@ -74,7 +73,7 @@ def demo(seed: int, out: Path, overwrite: bool, cache_dir: Path | None) -> None:
     except RunInterruptedError as error:
         raise RunInterruptedError(f"interrupted; go on with: {_again(seed, out)}") from error
     say_summary(results)
-    print_report([out / "results"], _TOLERANCE_M, with_prior=True)
+    print_report([out / "results"], TOLERANCE_M, with_prior=True)
     say(f"The flight is in {flight.map.parent}, the results are in {out / 'results'}")
 
 

@@ -10,11 +10,11 @@ from uasthn_cli.commands.options import gathered
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO, FiniteRange
 from uasthn_cli.commands.sections import section_option
 from uasthn_cli.commands.window_options import window_options
+from uasthn_cli.config import CROP_OFFSET_FRACTION, PAPER_THERMAL_PX
 
 if TYPE_CHECKING:
     from uasthn_cli.training.displacement.config import DisplacementConfig
 
-NETWORKS: Final = ("xcorr", "dhn", "ihn", "sthn")
 PRESETS: Final = ("paper-dhn", "paper-ihn", "paper-sthn", "laptop")
 XCORR_ONLY: Final = (
     *("images", "sand_share", "landscape_share", "windows", "canvases", "without"),
@@ -25,7 +25,6 @@ XCORR_ONLY: Final = (
 _CAMERA: Final = (
     *("hfov_deg", "focal_mm", "pixel_pitch_um", "camera_name", "distortion", "mount_yaw_deg"),
 )
-_PAPER_THERMAL_PX: Final = 512
 
 pairs_option = section_option("Pairs (dhn, ihn, sthn)")
 displacement_option = section_option("Training of dhn, ihn, sthn")
@@ -95,7 +94,7 @@ class AskedDisplacement:
                 batch=self.batch or size.batch,
                 plain_steps=plain_steps,
                 views=views,
-                crop_offset_fraction=self.crop_offset_px / _PAPER_THERMAL_PX,
+                crop_offset_fraction=self.crop_offset_px / PAPER_THERMAL_PX,
                 direct_modeling=self.direct_modeling,
                 first_stage=self.first_stage,  # type: ignore[arg-type]
                 learning_rate=learning_rate or LEARNING_RATE,
@@ -182,8 +181,8 @@ displacement_options: Final = gathered(
     displacement_option(
         "--crop-offset",
         "crop_offset_px",
-        type=FiniteRange(0, _PAPER_THERMAL_PX / 2, min_open=True),
-        default=32.0,
+        type=FiniteRange(0, PAPER_THERMAL_PX / 2, min_open=True),
+        default=CROP_OFFSET_FRACTION * PAPER_THERMAL_PX,
         show_default=True,
         metavar="PX",
         help="o_c: how much smaller crops are, of 512 px.",

@@ -28,7 +28,7 @@ from uasthn_cli.commands.options import (
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO
 from uasthn_cli.commands.sections import SectionedCommand
 from uasthn_cli.commands.tgm_drawing import drawn_to_judge_by
-from uasthn_cli.config import CropTtaConfig, UeMethod
+from uasthn_cli.config import TOLERANCE_M, CropTtaConfig, UeMethod
 
 if TYPE_CHECKING:
     from uasthn_cli.evaluation.judging import JudgingConfig
@@ -81,7 +81,7 @@ _RENDERED_FRAMES: Final = 24
 @uncertainty_option(
     "--tolerance-m",
     type=ABOVE_ZERO,
-    default=25.0,
+    default=TOLERANCE_M,
     show_default=True,
     metavar="M",
     help="MACE beyond which the ROC expects a rejection, CE up to which a sample counts as found.",
@@ -269,14 +269,15 @@ def _settings(source: str, spec: Any, values: dict[str, Any]) -> "tuple[Settings
     """Return what the predictions' header says, and how views are cropped and matched."""
     from uasthn_cli.evaluation.members import describe_file, describe_weights
     from uasthn_cli.evaluation.predictions import Settings
-    from uasthn_cli.evaluation.protocol import WORKING_WIDTH_PX, ProtocolConfig
+    from uasthn_cli.evaluation.protocol import ProtocolConfig
+    from uasthn_cli.matching.registry import code_of, spec_of
 
     crops: CropTtaConfig = values["crops"]
-    estimator = values["estimator"]
-    width_px = values["width_px"] or WORKING_WIDTH_PX.get(estimator)
+    asked = spec_of(values["estimator"])
+    width_px = values["width_px"] or asked.working_width_px
     settings = Settings(
         dataset=source,
-        estimator=estimator,
+        estimator=values["estimator"],
         weights=describe_weights(values["weights"], ensemble=values["ensemble"]),
         views=crops.views,
         sampling=crops.sampling.value,
@@ -291,8 +292,9 @@ def _settings(source: str, spec: Any, values: dict[str, Any]) -> "tuple[Settings
         samples=spec.samples,
         split=spec.split,
         camera=str(spec.camera),
-        symmetries=values["symmetries"] if estimator == "xcorr" else None,
+        symmetries=values["symmetries"] if asked.has_symmetries else None,
         ue_iterations=values["ue_iterations"],
         tgm=None if values["tgm"] is None else describe_file(values["tgm"]),
+        version=code_of(values["estimator"]),
     )
     return settings, ProtocolConfig(crops, width_px)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from uasthn_cli.commands.matching_options import DEVICES
-from uasthn_cli.commands.matching_options import ESTIMATORS as NAMES
 from uasthn_cli.commands.options import gathered, given_options
 from uasthn_cli.commands.parameter_types import (
     ABOVE_ZERO,
@@ -19,9 +18,11 @@ from uasthn_cli.commands.window_options import window_options
 from uasthn_cli.config import (
     DEFAULT_SYMMETRIES,
     FALLBACK_MAX_STD_M,
+    PAPER_THERMAL_PX,
     Aggregation,
     CropTtaConfig,
     DecisionConfig,
+    GeotagConfig,
     Merge,
     Rule,
     Sampling,
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
     from uasthn_cli.evaluation.judging import JudgingConfig
 
 UE_METHODS: Final = tuple(method.value for method in UeMethod)
-PAPER_THERMAL_PX: Final = 512
-"""W_T, in whose pixels the paper states the crop offset."""
 
 _OF_DRAWING: Final = {
     *("inputs", "is_from", "is_stress", "methods", "aggregation", "merge", "max_std", "rule"),
@@ -199,9 +198,8 @@ _DATA_OPTIONS: Final = (
 _ESTIMATOR_OPTIONS: Final = (
     estimator_option(
         "--estimator",
-        type=EstimatorType(NAMES),
-        default="xcorr",
-        metavar="|".join([*NAMES, "vismatch:NAME"]),
+        type=EstimatorType(),
+        default=GeotagConfig().estimator,
         show_default=True,
         help="Who locates the thermal image.",
     ),
@@ -235,7 +233,7 @@ _ESTIMATOR_OPTIONS: Final = (
         "--ue-iterations",
         type=click.IntRange(min=1),
         metavar="K",
-        help="Of dhn, ihn and sthn: all views take K steps together, then the whole image goes on"
+        help="Of ihn and sthn: all views take K steps together, then the whole image goes on"
         " alone (the paper's early stopping).  [default: all steps]",
     ),
     estimator_option(

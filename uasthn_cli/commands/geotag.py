@@ -1,6 +1,7 @@
 """``uasthn geotag``: a log, frames and a map in; a place for every frame out."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -24,6 +25,7 @@ from uasthn_cli.config import GeotagConfig, PriorConfig
 if TYPE_CHECKING:
     from uasthn_cli.ingest.cameras import CameraSpec
     from uasthn_cli.pipeline import GeotagJob
+    from uasthn_cli.pipeline.job import BoxCalibration
     from uasthn_cli.types import FrameResult
     from uasthn_cli.uncertainty.calibration import Calibration
 
@@ -130,6 +132,7 @@ def geotag(
     """
     from uasthn_cli.commands.geotag_run import Target, geotag_to_folder
     from uasthn_cli.pipeline import GeotagJob
+    from uasthn_cli.pipeline.job import chosen_calibration
 
     require_known_crs(crs)
     job = GeotagJob(
@@ -141,10 +144,11 @@ def geotag(
         frame_times_csv=frame_times_csv,
         config=config,
         weights=weights,
-        calibration=chosen_calibration(calibration_name, config.estimator, weights),
+        calibration=asked_calibration(calibration_name),
         cache_dir=cache_dir,
     )
     require_consistent(job)
+    job = replace(job, calibration=chosen_calibration(job))
     results = geotag_to_folder(job, Target(out, truth_path, crs, overwrite))
     if job.calibration is None and calibration_name == "default":
         say("Answers are judged by plain limits: no calibration came with these weights")
@@ -152,23 +156,18 @@ def geotag(
     say(f"Results are in {out}; figures: uasthn report {out}")
 
 
-def chosen_calibration(
-    name: str, estimator: str, weights: "Sequence[Path]" = ()
-) -> "Calibration | None":
-    """Return the calibration asked for; the default one speaks of the weights in the box only.
+def asked_calibration(name: str) -> "Calibration | BoxCalibration | None":
+    """Return the calibration asked for.
 
     Raises:
         CalibrationError: the file cannot be used.
     """
-    from uasthn_cli.uncertainty.calibration import load_bundled_calibration, load_calibration
+    from uasthn_cli.pipeline.job import BOX_CALIBRATION
+    from uasthn_cli.uncertainty.calibration import load_calibration
 
-    if name == "none":
-        return None
-    if name != "default":
-        return load_calibration(Path(name))
-    if estimator != "xcorr" or weights:
-        return None
-    return load_bundled_calibration()
+    if name == "default":
+        return BOX_CALIBRATION
+    return None if name == "none" else load_calibration(Path(name))
 
 
 def require_consistent(job: "GeotagJob") -> None:

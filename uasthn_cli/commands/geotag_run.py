@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from uasthn_cli.commands.console import say
-from uasthn_cli.commands.geotag_steps import finish_run, geotag_journals
+from uasthn_cli.commands.flight_lines import flight_record
+from uasthn_cli.commands.geotag_steps import finish_run, geotag_journals, lines_of
 from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.outputs.run_record import (
     RunRecord,
@@ -45,33 +46,31 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
     started_utc_s, started_s = time.time(), time.perf_counter()
     truth = None if target.truth_path is None else read_truth(target.truth_path)
     with open_run(job) as run:
-        names = [entry.frame.name for entry in run.priors.results]
         if truth is not None:
-            truth.require_match(names)
+            truth.require_match(run.names)
         prepare_output(target.out, target.overwrite)
         inputs = _inputs(job, run)
-        fingerprint = fingerprint_of(job.config, job.prior, job.camera, job.calibration, inputs)
+        fingerprint = fingerprint_of(job.config, job.prior, job.camera, run.calibration, inputs)
         with geotag_journals(target.out, fingerprint) as journals:
-            taken_over = len(journals.located.finished)
-            outcome = finish_run(run, journals, fuse=job.config.fuse)
+            outcome = finish_run(run, journals)
             record = RunRecord(
                 arguments=_arguments(job, target),
                 inputs=inputs if truth is None else inputs | {"truth": _file(truth.path)},
                 timing=RunTiming(
                     started_utc_s=started_utc_s,
                     wall_s=time.perf_counter() - started_s,
-                    computed_frames=len(names) - taken_over,
+                    computed_frames=outcome.computed_frames,
                     stage_s={**run.timings, "write": outcome.write_s},
                 ),
-                calibration=job.calibration,
-                flight=outcome.flight,
+                calibration=run.calibration,
+                flight=None if outcome.survey is None else flight_record(outcome.survey),
                 **_described(job, run),
             )
             crs = run.map_crs if target.crs == MAP_CRS else target.crs
             write_run(target.out, outcome.results, record, truth, crs)
             journals.remove()
-    for line in outcome.said:
-        say(line)
+        for line in lines_of(job, outcome):
+            say(line)
     return outcome.results
 
 
@@ -85,17 +84,16 @@ def _inputs(job: GeotagJob, run: Run) -> dict[str, Any]:
         "frame_times": job.frame_times_csv,
     }
     files = {name: _file(path) for name, path in named.items() if path is not None}
+    if job.spec.package is not None:
+        files["estimator"] = {"package": job.spec.package}
     digest = {"path": job.frames_path, "count": len(frames), "sha256": frames_sha256(frames)}
     return {"frames": digest, **files}
 
 
 def _weights_paths(job: GeotagJob) -> dict[str, Path]:
     """Return the files that networks are loaded from: none of ncc, or if vismatch has its own."""
-    paths = job.weights
-    if not paths and job.config.estimator == "xcorr":
-        from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR
-
-        paths = BUNDLED_ENSEMBLE if job.config.ensemble else (BUNDLED_XCORR,)
+    in_the_box = job.spec.bundled_weights
+    paths = job.weights or (in_the_box if job.config.ensemble else in_the_box[:1])
     if len(paths) == 1:
         return {"weights": paths[0]}
     return {f"weights_{k}": path for k, path in enumerate(paths, start=1)}

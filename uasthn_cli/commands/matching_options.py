@@ -15,6 +15,7 @@ from uasthn_cli.commands.sections import section_option
 from uasthn_cli.config import (
     FALLBACK_MAX_STD_M,
     FALLBACK_MIN_CONFIDENCE,
+    TOLERANCE_M,
     Aggregation,
     CropTtaConfig,
     DecisionConfig,
@@ -25,7 +26,6 @@ from uasthn_cli.config import (
     UeMethod,
 )
 
-ESTIMATORS: Final = ("xcorr", "ncc", "dhn", "ihn", "sthn")
 DEVICES: Final = ("auto", "cpu", "cuda")
 
 _CONFIG: Final = GeotagConfig()
@@ -102,12 +102,12 @@ matching_options: Final = gathered(
     ),
     search_option(
         "--estimator",
-        type=EstimatorType(ESTIMATORS),
+        type=EstimatorType(),
         default=_CONFIG.estimator,
-        metavar="|".join([*ESTIMATORS, "vismatch:NAME"]),
         show_default=True,
         help="Learned cross-correlation, plain normalised correlation of grey values, a network of"
-        " the paper's (give --weights), or a matcher of the vismatch package.",
+        " the paper's (give --weights), a matcher of the vismatch package, or one that another"
+        " installed package offers.",
     ),
     search_option(
         "--device",
@@ -226,7 +226,8 @@ matching_options: Final = gathered(
         "--min-confidence",
         type=FiniteRange(0, 1),
         metavar="SHARE",
-        help="Reject as ambiguous when less of the posterior lies within 25 m of the answer."
+        help=f"Reject as ambiguous when less of the posterior lies within {TOLERANCE_M:g} m of the"
+        " answer."
         f"  [default: left to the calibration; {FALLBACK_MIN_CONFIDENCE:g} without one]",
     ),
 )

@@ -5,7 +5,9 @@ import re
 from typing import Any, Final
 
 import click
+from click.shell_completion import CompletionItem
 
+from uasthn_cli.matching.registry import estimator_names, spec_of
 from uasthn_cli.synth.kinds import StressCategory
 
 
@@ -69,23 +71,34 @@ class StdThresholdType(click.ParamType[tuple[float, str]]):
         return float(match[1]), match[2]
 
 
-class EstimatorType(click.Choice[str]):
-    """One of the package's own estimators, or ``vismatch:NAME``."""
+class EstimatorType(click.ParamType[str]):
+    """One of the package's own estimators, ``vismatch:NAME``, or another package's."""
+
+    name = "NAME"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the name; whether vismatch has the matcher is known only once it is loaded."""
+        """Return the name; whether vismatch has the matcher is known only once it is loaded.
+
+        Raises:
+            PluginError: another package offers it, and cannot be used.
+        """
         text = str(value)
-        if re.fullmatch(r"vismatch:[\w.-]+", text):
-            return text
-        if text not in self.choices:
-            known = ", ".join(map(repr, self.choices))
-            self.fail(
-                f"{text!r} is not one of {known} or 'vismatch:NAME' with the name of a matcher,"
-                " say vismatch:superpoint-lightglue",
-                param,
-                ctx,
-            )
+        try:
+            spec_of(text)
+        except ValueError as error:
+            hint = "vismatch:superpoint-lightglue"
+            self.fail(f"{error}, with the name of a matcher, say {hint}", param, ctx)
         return text
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
+        """Return all names for the help, those of other packages among them."""
+        return "|".join(estimator_names())
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Offer the names that begin like this."""
+        return [CompletionItem(name) for name in estimator_names() if name.startswith(incomplete)]
 
 
 class CrsType(click.ParamType[str]):

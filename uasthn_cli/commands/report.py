@@ -9,6 +9,7 @@ import click
 from uasthn_cli.commands.console_tables import print_table
 from uasthn_cli.commands.parameter_types import ABOVE_ZERO, FiniteRange
 from uasthn_cli.commands.sections import SectionedCommand, section_option
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.errors import GateMissedError
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ gate_option = section_option("Gates (exit code 4 when one is missed)")
 @figure_option(
     "--tolerance-m",
     type=ABOVE_ZERO,
-    default=25.0,
+    default=TOLERANCE_M,
     show_default=True,
     metavar="METRES",
     help="CE up to which a frame counts as found.",

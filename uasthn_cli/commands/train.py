@@ -8,7 +8,6 @@ import click
 
 from uasthn_cli.commands.console import say
 from uasthn_cli.commands.displacement_options import (
-    NETWORKS,
     AskedDisplacement,
     displacement_options,
 )
@@ -30,6 +29,7 @@ from uasthn_cli.commands.training_options import (
 )
 from uasthn_cli.commands.training_progress import as_typed, report_line, train_to_end, validated
 from uasthn_cli.config import TrainingDefaults
+from uasthn_cli.matching.registry import TRAINED_HERE, XCORR
 
 if TYPE_CHECKING:
     from uasthn_cli.ingest.cameras import CameraSpec
@@ -67,8 +67,8 @@ data_option = section_option("Data of xcorr")
 )
 @network_option(
     "--network",
-    type=click.Choice(NETWORKS),
-    default="xcorr",
+    type=click.Choice(TRAINED_HERE),
+    default=XCORR.name,
     show_default=True,
     help="Which estimator's network.",
 )
@@ -144,7 +144,7 @@ def train(
     bit by bit, interrupted or not; a GPU adds in varying order, so there the last digits differ.
     """
     context = click.get_current_context()
-    if network != "xcorr":
+    if network != XCORR.name:
         train_displacement(context, asked, camera)
         return
     refuse_displacement_options(context)

@@ -14,6 +14,7 @@ from uasthn_cli.config import (
 )
 from uasthn_cli.errors import PredictionsError
 from uasthn_cli.evaluation.predictions import Predictions
+from uasthn_cli.matching.registry import has_ensemble
 from uasthn_cli.types import BoolArray, FloatArray
 from uasthn_cli.uncertainty import methods
 from uasthn_cli.uncertainty.decide import scalar_uncertainty
@@ -55,6 +56,7 @@ def refusal(predictions: Predictions, method: UeMethod) -> str | None:
         views=predictions.views,
         members=predictions.members,
         has_head=bool(np.isfinite(predictions.modelled_std_px).any()),
+        has_box_ensemble=has_ensemble(predictions.settings.estimator),
     )
     return methods.refusal(method, offer)
 

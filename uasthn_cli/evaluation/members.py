@@ -4,8 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from uasthn_cli.errors import WeightsError
-from uasthn_cli.matching.registry import open_estimator
+from uasthn_cli.matching.registry import bundled_ensemble, open_estimator
 from uasthn_cli.seam import Estimator
 
 
@@ -29,18 +28,11 @@ def open_members(
     """
     paths: Sequence[Path | None] = [*weights] or [None]
     if ensemble:
-        if name != "xcorr":
-            raise WeightsError(f"--estimator {name} has no ensemble; leave out --ensemble")
-        if weights:
-            raise WeightsError("--ensemble is of the weights in the box; leave out --weights")
-        # torch is heavy: an estimator without networks never loads it
-        from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE  # noqa: PLC0415
-
-        paths = BUNDLED_ENSEMBLE
+        paths = bundled_ensemble(name, weights)
     return [
         open_estimator(
             name,
-            weights_path=path,
+            weights=() if path is None else (path,),
             device=device,
             symmetries=symmetries,
             ue_iterations=ue_iterations,

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.evaluation.judging import Judged
-from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M
 from uasthn_cli.report.trust import Roc, risk_coverage, roc_curve
 from uasthn_cli.types import FloatArray
 
@@ -42,7 +42,7 @@ class AcceptanceCurve:
     mace_m: FloatArray
 
 
-def score(judged: Judged, tolerance_m: float = DEFAULT_TOLERANCE_M) -> Scores:
+def score(judged: Judged, tolerance_m: float = TOLERANCE_M) -> Scores:
     """Return the figures of one method."""
     accepted = judged.accepted
     within = judged.ce_m <= tolerance_m
@@ -63,7 +63,7 @@ def score(judged: Judged, tolerance_m: float = DEFAULT_TOLERANCE_M) -> Scores:
     )
 
 
-def roc_of(judged: Judged, tolerance_m: float = DEFAULT_TOLERANCE_M) -> Roc | None:
+def roc_of(judged: Judged, tolerance_m: float = TOLERANCE_M) -> Roc | None:
     """Return the ROC of the uncertainty for a MACE beyond the tolerance (paper, Fig. 4).
 
     None without uncertainties, or unless there are good and wrong answers.

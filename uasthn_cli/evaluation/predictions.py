@@ -4,17 +4,17 @@ import io
 import json
 import zipfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uasthn_cli import __version__
 from uasthn_cli.errors import PredictionsError
 from uasthn_cli.outputs.atomic import write_bytes
 from uasthn_cli.types import FloatArray
+from uasthn_cli.version import code_version
 
 SUFFIX: Final = ".npz"
 
@@ -50,7 +50,7 @@ class Settings:
     symmetries: int | None = None
     ue_iterations: int | None = None
     tgm: str | None = None
-    version: str = __version__
+    version: str = field(default_factory=code_version)
 
 
 @dataclass(frozen=True, slots=True)

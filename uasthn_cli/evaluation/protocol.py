@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from uasthn_cli.config import THERMAL_WIDTH_PX, CropTtaConfig
+from uasthn_cli.config import CropTtaConfig
 from uasthn_cli.datasets.samples import MatchDataset, MatchSample
 from uasthn_cli.evaluation.canvas import Placed, place_pair, prior_corners_px
 from uasthn_cli.evaluation.predictions import Prediction
@@ -20,9 +20,6 @@ from uasthn_cli.matching.waiting import wait_for_gpu
 from uasthn_cli.seam import Estimator
 from uasthn_cli.types import BoolArray, FloatArray, MapFeatures
 from uasthn_cli.uncertainty.views import crop_views_px
-
-WORKING_WIDTH_PX: Final = {"xcorr": THERMAL_WIDTH_PX, "ncc": THERMAL_WIDTH_PX}
-"""At which width estimators see the thermal image; others see the data's own pixels."""
 
 WARM_UP_RUNS: Final = 2
 """Estimates before the clock counts: the first ones load kernels and fill caches."""

@@ -9,14 +9,13 @@ from typing import Final
 
 import numpy as np
 
-from uasthn_cli.config import UeMethod
+from uasthn_cli.config import TOLERANCE_M, UeMethod
 from uasthn_cli.datasets.flights import FlightDataset
 from uasthn_cli.datasets.spec import DatasetSpec
 from uasthn_cli.errors import DatasetError
 from uasthn_cli.evaluation.judging import JudgingConfig, judge
 from uasthn_cli.evaluation.predictions import Settings, gathered
 from uasthn_cli.evaluation.protocol import ProtocolConfig, predict
-from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M
 from uasthn_cli.seam import Estimator
 from uasthn_cli.synth.flight import render_flight
 from uasthn_cli.synth.flight_config import FlightConfig, StressConfig
@@ -56,7 +55,7 @@ class StressSuite:
     spec: DatasetSpec
     method: UeMethod
     judging: JudgingConfig
-    tolerance_m: float = DEFAULT_TOLERANCE_M
+    tolerance_m: float = TOLERANCE_M
 
     def rows(
         self,

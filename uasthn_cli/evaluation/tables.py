@@ -9,11 +9,10 @@ from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
-from uasthn_cli.config import UeMethod
+from uasthn_cli.config import TOLERANCE_M, UeMethod
 from uasthn_cli.evaluation.judging import JudgingConfig, judge, refusal
 from uasthn_cli.evaluation.metrics import Scores, score
 from uasthn_cli.evaluation.predictions import Predictions, Settings
-from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M
 
 _NONE = "-"
 _UNNAMED = ("estimator", "max_offset_m", "version", "device")
@@ -65,7 +64,7 @@ def accuracy_rows(
     runs: Sequence[Predictions],
     methods: Sequence[UeMethod],
     config: JudgingConfig,
-    tolerance_m: float = DEFAULT_TOLERANCE_M,
+    tolerance_m: float = TOLERANCE_M,
 ) -> list[AccuracyRow]:
     """Return Table I: every run by every method that its predictions allow."""
     names = run_names([run.settings for run in runs])

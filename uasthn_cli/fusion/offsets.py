@@ -8,11 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uasthn_cli.config import MAP_PIXEL_ERROR
+from uasthn_cli.config import MAP_PIXEL_ERROR, TOLERANCE_M
 from uasthn_cli.types import LEAST_LOG, LOG_OF_LEVEL, FloatArray, ImageArray, OffsetLikelihood
-
-TOLERANCE_M = 25.0
-"""The paper's tolerance: how near to an answer the posterior counts as confidence in it."""
 
 _PEAK_STEPS = 3
 

@@ -33,7 +33,7 @@ def appearance_cells(grey: ImageArray, valid: BoolArray, stride_px: int) -> Imag
 
 
 def levelled_window(window: ImageArray, valid: BoolArray) -> ImageArray:
-    """Return map cells ``(2, H, W)`` less their mean; those that are not valid count as the mean."""
+    """Return map cells ``(2, H, W)`` less their mean, as which those that are not valid count."""
     inside = valid.astype(np.float32)
     count = np.float32(max(float(inside.sum()), 1.0))
     mean = (window * inside).sum(axis=(1, 2), keepdims=True) / count

@@ -30,8 +30,8 @@ def cell_mask(valid: BoolArray, stride_px: int) -> BoolArray:
     """Return ``(h / stride, w / stride)``: true where every pixel of a cell is valid."""
     rows, columns = valid.shape[0] // stride_px, valid.shape[1] // stride_px
     blocks = valid[: rows * stride_px, : columns * stride_px]
-    whole: BoolArray = blocks.reshape(rows, stride_px, columns, stride_px).all(axis=(1, 3))
-    return whole
+    cells = blocks.reshape(rows, stride_px, columns, stride_px)
+    return np.asarray(np.logical_and.reduce(cells, axis=(1, 3)), np.bool_)
 
 
 def normalise_template(features: ImageArray, masks: ImageArray) -> ImageArray:
@@ -59,8 +59,7 @@ def correlate(window: ImageArray, templates: ImageArray, masks: ImageArray) -> I
     kernels = np.concatenate([templates, masks[:, None]], axis=1)
     sums = sliding_sums(planes, kernels, [(slice(channels), slice(channels)), (channels, channels)])
     energy = np.maximum(sums[:, 1], 0) + np.float32(ENERGY_EPSILON)
-    scores: ImageArray = sums[:, 0] / np.sqrt(energy)
-    return scores
+    return np.asarray(sums[:, 0] / np.sqrt(energy), dtype=np.float32)
 
 
 def sliding_sums(
@@ -68,8 +67,8 @@ def sliding_sums(
 ) -> ImageArray:
     """Return sums of products ``(N, S, rows, columns)`` of planes with kernels at every shift.
 
-    ``planes`` ``(P, H, W)``, ``kernels`` ``(N, K, h, w)``. Each of the S ``pairs`` says which planes
-    are multiplied with which kernels, one by one, and added up.
+    ``planes`` ``(P, H, W)``, ``kernels`` ``(N, K, h, w)``. Each of the S ``pairs`` says which
+    planes are multiplied with which kernels, one by one, and added up.
     """
     height, width = kernels.shape[-2:]
     rows, columns = planes.shape[-2] - height + 1, planes.shape[-1] - width + 1

@@ -12,8 +12,8 @@ from uasthn_cli.matching.displacement.checkpoints import (
     read_safetensors,
 )
 from uasthn_cli.matching.hub import PICKLED_FILE, SAFETENSORS_FILE, sha256_of
+from uasthn_cli.matching.registry import XCORR
 from uasthn_cli.matching.torch_weights import load_xcorr
-from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE
 
 AUTHORS_LAYOUT = "authors' checkpoint"
 
@@ -36,7 +36,7 @@ class WeightsInfo:
 
 def bundled() -> tuple[Path, ...]:
     """Return the weights in the box."""
-    return BUNDLED_ENSEMBLE
+    return XCORR.bundled_weights
 
 
 def describe(path: Path) -> WeightsInfo:

@@ -5,10 +5,11 @@ into the convolutions before them.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from onnx import ModelProto, NodeProto, TensorProto, helper, numpy_helper
+from onnx import ModelProto, NodeProto, TensorProto, ValueInfoProto, helper, numpy_helper
 
 from uasthn_cli.types import ImageArray
 
@@ -99,7 +100,7 @@ class _Graph:
         folded = weight * scale[:, None, None, None]
         return self._convolution(name, folded, bias, source, stride, None)
 
-    def _convolution(  # noqa: PLR0913, PLR0917 (what a convolution consists of)
+    def _convolution(
         self,
         name: str,
         weight: ImageArray,
@@ -114,9 +115,7 @@ class _Graph:
         margin = weight.shape[-1] // 2
         return self._add("Conv", inputs, into, pads=[margin] * 4, strides=[stride] * 2)
 
-    def _add(
-        self, kind: str, inputs: list[str], into: str | None = None, **attributes: object
-    ) -> str:
+    def _add(self, kind: str, inputs: list[str], into: str | None = None, **attributes: Any) -> str:
         result = into or f"value{len(self._nodes)}"
         self._nodes.append(helper.make_node(kind, inputs, [result], **attributes))
         return result
@@ -128,5 +127,5 @@ class _Graph:
         return self._tensors[f"{self._prefix}.{name}"]
 
 
-def _described(name: str, channels: int, rows: str, columns: str) -> object:
+def _described(name: str, channels: int, rows: str, columns: str) -> ValueInfoProto:
     return helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, channels, rows, columns])

@@ -6,13 +6,11 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.types import BoolArray, FloatArray, ImageArray
 
 MIN_OVERLAP = 0.5
 """Share of a view that must lie on valid map for a shift to count."""
-
-CONFIDENCE_RADIUS_M = 25.0
-"""The paper's tolerance: confidence is the posterior mass this close to the answer."""
 
 _CONFIDENCE_RADIUS_CELLS = 3.0
 
@@ -99,7 +97,7 @@ def posterior_mass(scores: FloatArray, shift: FloatArray, cell_m: float) -> floa
     if not finite.any():
         return 0.0
     weights = np.where(finite, np.exp(scores - scores[finite].max()), 0.0)
-    radius = max(CONFIDENCE_RADIUS_M / cell_m, _CONFIDENCE_RADIUS_CELLS)
+    radius = max(TOLERANCE_M / cell_m, _CONFIDENCE_RADIUS_CELLS)
     rows, columns = np.ogrid[: scores.shape[0], : scores.shape[1]]
     near = (columns - shift[0]) ** 2 + (rows - shift[1]) ** 2 <= radius**2
     return float(weights[near].sum() / weights.sum())

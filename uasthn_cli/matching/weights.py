@@ -14,10 +14,6 @@ from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.architecture import XcorrArchitecture
 from uasthn_cli.types import ImageArray
 
-BUNDLED_XCORR = Path(__file__).parent.parent / "weights" / "xcorr.safetensors"
-BUNDLED_ENSEMBLE = tuple(BUNDLED_XCORR.with_name(f"xcorr-{k}.safetensors") for k in (1, 2, 3))
-"""Larger networks than :data:`BUNDLED_XCORR`, which learned its features from the first of them."""
-
 XCORR_FORMAT = "uasthn-xcorr-2"
 
 

@@ -23,6 +23,7 @@ from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.encoders import Encoders, open_encoders
 from uasthn_cli.matching.identity import code_sha256
 from uasthn_cli.matching.ncc import luma
+from uasthn_cli.matching.registry import XCORR
 from uasthn_cli.matching.search import (
     MIN_OVERLAP,
     best_shift,
@@ -33,7 +34,6 @@ from uasthn_cli.matching.search import (
 )
 from uasthn_cli.matching.similarity import turned_features
 from uasthn_cli.matching.symmetries import encode_symmetric
-from uasthn_cli.matching.weights import BUNDLED_ENSEMBLE, BUNDLED_XCORR
 from uasthn_cli.seam import Estimate, Similarity
 from uasthn_cli.types import (
     BoolArray,
@@ -141,7 +141,7 @@ class XcorrEstimator:
             templates = _templates(turned, masks)
             first = window[: member.channels]
             scores.append(correlate(first, templates, masks) * member.temperature)
-        averaged = np.mean(scores, axis=0, dtype=np.float64)
+        averaged = np.asarray(np.mean(scores, axis=0, dtype=np.float64))
         near = within_reach(averaged.shape[1:], origin_px / STRIDE_PX)
         best: FloatArray = averaged[:, near].max(axis=1)
         return best
@@ -255,7 +255,8 @@ def open_xcorr(
     """
     if ensemble and weights:
         raise WeightsError("--ensemble is of the weights in the box; leave out --weights")
-    paths = BUNDLED_ENSEMBLE if ensemble else (weights or (BUNDLED_XCORR,))
+    in_the_box = XCORR.bundled_weights
+    paths = in_the_box if ensemble else (weights or in_the_box[:1])
     chosen = choose_device(device)
     encoders = [open_encoders(path, chosen) for path in paths]
     return XcorrEstimator(encoders, symmetries=symmetries, appearance=appearance)

@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from uasthn_cli import __version__
 from uasthn_cli.outputs.formatting import iso_utc, safe_text
 from uasthn_cli.types import Fix, FrameFile, FrameResult
+from uasthn_cli.version import code_version
 
 _MIB: Final = 1024.0 * 1024.0
 
@@ -58,7 +58,7 @@ class RunRecord:
 def run_json(record: RunRecord, results: Sequence[FrameResult]) -> str:
     """Return the text of ``run.json``; all but ``timing`` is the same for identical runs."""
     sections = {
-        "version": __version__,
+        "version": code_version(),
         "arguments": record.arguments,
         "time_base": record.time_base,
         "frame_times": record.frame_times,
@@ -86,8 +86,8 @@ def counts(results: Sequence[FrameResult]) -> dict[str, Any]:
 
 
 def fingerprint_of(*sections: Any) -> str:
-    """Return the SHA-256 of this version and of what shapes a run (arguments, input hashes)."""
-    text = json.dumps([__version__, *map(plain, sections)], sort_keys=True)
+    """Return the SHA-256 of the code and of what shapes a run (arguments, input hashes)."""
+    text = json.dumps([code_version(), *map(plain, sections)], sort_keys=True)
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 

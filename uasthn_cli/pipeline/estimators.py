@@ -1,7 +1,7 @@
 """Open the networks of a run: the base network, and further members of its ensemble."""
 
 from uasthn_cli.errors import WeightsError
-from uasthn_cli.matching.registry import AVERAGING_ESTIMATORS, open_estimator
+from uasthn_cli.matching.registry import open_estimator
 from uasthn_cli.pipeline.job import GeotagJob, chosen_uncertainty
 from uasthn_cli.seam import Estimator, SelfAssessor
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
@@ -17,11 +17,9 @@ def open_base(
         MissingExtraError: the estimator needs an optional package that is not installed.
     """
     config = job.config
-    is_averaging = config.estimator in AVERAGING_ESTIMATORS
     return open_estimator(
         config.estimator,
-        weights_path=job.weights[0] if job.weights else None,
-        further_weights=job.weights[1:] if is_averaging else (),
+        weights=job.base_weights,
         device=config.device,
         symmetries=symmetries or config.symmetries,
         ensemble=config.ensemble,
@@ -31,12 +29,12 @@ def open_base(
 
 
 def open_near(job: GeotagJob, base: Estimator) -> Estimator:
-    """Return who looks near a known place: ``xcorr`` in one orientation, others have but one.
+    """Return who looks near a known place: one orientation is enough for that.
 
     Raises:
         WeightsError: the weights cannot be used.
     """
-    return open_base(job, symmetries=1) if job.config.estimator == "xcorr" else base
+    return open_base(job, symmetries=1) if job.spec.has_symmetries else base
 
 
 def open_members(job: GeotagJob) -> list[Estimator]:
@@ -46,7 +44,7 @@ def open_members(job: GeotagJob) -> list[Estimator]:
         WeightsError: the weights cannot be used.
     """
     return [
-        open_estimator(job.config.estimator, weights_path=path, device=job.config.device)
+        open_estimator(job.config.estimator, weights=(path,), device=job.config.device)
         for path in job.member_weights
     ]
 

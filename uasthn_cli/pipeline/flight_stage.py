@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from uasthn_cli.config import CropTtaConfig
+from uasthn_cli.config import TOLERANCE_M, CropTtaConfig
 from uasthn_cli.fusion.constants import (
     LEAST_FRAMES,
     Constant,
@@ -18,7 +18,7 @@ from uasthn_cli.fusion.constants import (
 )
 from uasthn_cli.fusion.diffusion import fit_diffusion
 from uasthn_cli.fusion.forward_backward import smooth
-from uasthn_cli.fusion.offsets import TOLERANCE_M, OffsetGrid, best_offset_m
+from uasthn_cli.fusion.offsets import OffsetGrid, best_offset_m
 from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.pipeline.likelihoods import likelihood_of_look

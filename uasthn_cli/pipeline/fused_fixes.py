@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.fusion.forward_backward import smooth
 from uasthn_cli.fusion.offsets import (
-    TOLERANCE_M,
     OffsetGrid,
     best_offset_m,
     flat_likelihood,

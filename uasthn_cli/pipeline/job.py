@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from uasthn_cli.config import Aggregation, GeotagConfig, Merge, PriorConfig, UeMethod
 from uasthn_cli.ingest.cameras import CameraSpec
-from uasthn_cli.matching.registry import AVERAGING_ESTIMATORS, DISPLACEMENT_ESTIMATORS
-from uasthn_cli.uncertainty.calibration import AnswerKind, Calibration
+from uasthn_cli.matching.registry import spec_of
+from uasthn_cli.matching.spec import EstimatorSpec
+from uasthn_cli.uncertainty.calibration import AnswerKind, Calibration, load_calibration
 from uasthn_cli.uncertainty.methods import (
     OF_CROPS,
     OF_MEMBERS,
@@ -19,12 +21,21 @@ from uasthn_cli.uncertainty.methods import (
 
 
 @dataclass(frozen=True, slots=True)
+class BoxCalibration:
+    """Stands for the calibration in the box, where one was made of such answers."""
+
+
+BOX_CALIBRATION: Final = BoxCalibration()
+
+
+@dataclass(frozen=True, slots=True)
 class GeotagJob:
     """The inputs of one run.
 
     ``weights`` are files of networks: none for those in the box, the base network's, or also those
-    of further members of an ensemble. ``cache_dir`` keeps map features for later runs (None:
-    nowhere); it shapes how long the run takes and nothing else.
+    of further members of an ensemble. ``calibration`` None: answers are judged by plain limits.
+    ``cache_dir`` keeps map features for later runs (None: nowhere); it shapes how long the run
+    takes and nothing else.
     """
 
     log_path: Path
@@ -35,13 +46,39 @@ class GeotagJob:
     frame_times_csv: Path | None = None
     config: GeotagConfig = field(default_factory=GeotagConfig)
     weights: tuple[Path, ...] = ()
-    calibration: Calibration | None = None
+    calibration: Calibration | BoxCalibration | None = BOX_CALIBRATION
     cache_dir: Path | None = None
+
+    @property
+    def spec(self) -> EstimatorSpec:
+        """What the estimator asked for is."""
+        return spec_of(self.config.estimator)
+
+    @property
+    def base_weights(self) -> tuple[Path, ...]:
+        """Files of the base network: of all networks where these are one estimator."""
+        return self.weights if self.spec.averages else self.weights[:1]
 
     @property
     def member_weights(self) -> tuple[Path, ...]:
         """Files of the members that answer beside the base network, each for itself."""
-        return () if self.config.estimator in AVERAGING_ESTIMATORS else self.weights[1:]
+        return () if self.spec.averages else self.weights[1:]
+
+
+def chosen_calibration(job: GeotagJob, *, is_given: bool = False) -> Calibration | None:
+    """Return the calibration that judges a job's answers; None: plain limits do.
+
+    The one in the box speaks of its estimator with the weights that are the default, and neither of
+    an estimator that the caller brings along (``is_given``) nor of another package's.
+
+    Raises:
+        CalibrationError: the file in the box is damaged.
+    """
+    if not isinstance(job.calibration, BoxCalibration):
+        return job.calibration
+    path = job.spec.calibration
+    is_default = not (job.weights or job.config.ensemble or is_given)
+    return load_calibration(path) if is_default and path is not None and path.exists() else None
 
 
 def chosen_uncertainty(job: GeotagJob, *, has_head: bool | None = None) -> UncertaintyChoice:
@@ -56,9 +93,9 @@ def chosen_uncertainty(job: GeotagJob, *, has_head: bool | None = None) -> Uncer
     config = job.config
     is_supposed = has_head is None and config.ue is None
     if has_head is None:
-        has_head = config.estimator in DISPLACEMENT_ESTIMATORS
+        has_head = job.spec.may_have_head
     members = 1 + len(job.member_weights)
-    offer = Offer(config.estimator, config.crops.views, members, has_head)
+    offer = Offer(config.estimator, config.crops.views, members, has_head, job.spec.has_ensemble)
     method = config.ue or richest_method(offer)
     why = (
         _unfit_members(job, method)
@@ -82,7 +119,7 @@ def _unfit_members(job: GeotagJob, method: UeMethod) -> str | None:
     twice = [path for path in files if files.count(path) > 1]
     if twice:
         return f"{twice[0]} is given twice: a network always agrees with itself"
-    if name in AVERAGING_ESTIMATORS and method in OF_MEMBERS:
+    if job.spec.averages and method in OF_MEMBERS:
         return (
             f"--ue {method} needs members that answer one by one: {name} averages the scores of its"
             f" networks into one answer, which --ue {UeMethod.CROPTTA} can judge"
@@ -111,16 +148,24 @@ def _unfit_settings(config: GeotagConfig, method: UeMethod) -> str | None:
 
 def _unfit_calibration(job: GeotagJob, method: UeMethod | None) -> str | None:
     """Return why a calibration cannot judge answers by a method (None: not known yet), or None."""
-    if job.calibration is None or method is None:
+    calibration = chosen_calibration(job)
+    if calibration is None:
+        return None
+    if job.spec.package is not None:
+        return (
+            f"no calibration judges {job.config.estimator}, which is of another package: add"
+            " --calibration none"
+        )
+    if method is None:
         return None
     kind = AnswerKind(job.config.estimator, method)
-    made_of = job.calibration.made_of
+    made_of = calibration.made_of
     if made_of is not None and made_of != kind:
         return (
             f"the calibration was made of {made_of} and promises nothing of {kind}: ask for the"
             " same, calibrate anew, or add --calibration none"
         )
-    judgements = [job.calibration.single, job.calibration.fused]
+    judgements = [calibration.single, calibration.fused]
     uses_deviations = any(
         term.signal == "u_m" for one in judgements if one for term in one.model.terms
     )

@@ -27,7 +27,6 @@ from uasthn_cli.ingest.telemetry import Telemetry
 from uasthn_cli.mapping.feature_store import open_store
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
 from uasthn_cli.mapping.tiles import EncodingCache, FeatureTiles
-from uasthn_cli.matching.registry import SECOND_SCALES
 from uasthn_cli.pipeline.estimators import (
     open_base,
     open_members,
@@ -38,7 +37,7 @@ from uasthn_cli.pipeline.estimators import (
 from uasthn_cli.pipeline.flight_stage import FlightStage, RebuildPriors, Survey
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
-from uasthn_cli.pipeline.job import GeotagJob, chosen_uncertainty
+from uasthn_cli.pipeline.job import GeotagJob, chosen_calibration, chosen_uncertainty
 from uasthn_cli.pipeline.judge import Judge
 from uasthn_cli.pipeline.look import Looker
 from uasthn_cli.pipeline.timing import StageTimer
@@ -63,8 +62,9 @@ _log = logging.getLogger(__name__)
 class Run:
     """An opened run: priors are known, the map is open, the estimator is loaded.
 
-    Frames are located one by one (:meth:`locate`); with fusion, :meth:`survey` then settles the
-    flight, :meth:`look_again` looks at each frame near where it settled, and :meth:`fuse` ends it.
+    Its steps, which :func:`uasthn_cli.pipeline.driver.drive` takes: frames are located one by one
+    (:meth:`locate`); with fusion, :meth:`survey` then settles the flight, :meth:`look_again` looks
+    at each frame near where it settled, and :meth:`fuse` ends it.
     """
 
     def __init__(
@@ -80,18 +80,19 @@ class Run:
     ) -> None:
         """Wire the stages together; ``lookers`` see the wide search and what is near."""
         self.priors, self.map_crs, self._timer = priors, map_crs, timer
-        self.camera, self._fuses = job.camera, job.config.fuse
+        self.camera, self.fuses = job.camera, job.config.fuse
         self._wide, self._near = lookers
-        self._judge = Judge(job.config, job.calibration, map_pixel_m)
+        self.calibration = chosen_calibration(job)
+        self._judge = Judge(job.config, self.calibration, map_pixel_m)
         self._map_pixel_m = map_pixel_m
         self._uncertainty = uncertainty
         self._stage = FrameStage(self._wide, self._judge, job.config, uncertainty)
         self._flight = FlightStage(self._wide, self._near, self._stage.offset_grid, rebuild)
 
     @property
-    def frame_count(self) -> int:
-        """Number of frames, readable or not."""
-        return len(self.priors.results)
+    def names(self) -> list[str]:
+        """Names of the frames in their order, readable or not."""
+        return [entry.frame.name for entry in self.priors.results]
 
     @property
     def timings(self) -> dict[str, float]:
@@ -107,11 +108,6 @@ class Run:
                 yield self._stage.locate(entry)
             else:
                 yield Located(entry, None)
-
-    def results(self) -> Iterator[FrameResult]:
-        """Yield each frame's own result, in frame order."""
-        for located in self.locate():
-            yield located.result
 
     def survey(self, located: Iterable[Located]) -> Survey | None:
         """Settle the flight from what its frames gave alone; None where they say nothing."""
@@ -133,15 +129,6 @@ class Run:
             return fused_results(
                 located, survey, looks, self._flight.near_grid, self._judge, self._wide
             )
-
-    def answers(self) -> list[FrameResult]:
-        """Return the final answer of every frame, in frame order: all of the above in one go."""
-        located = list(self.locate())
-        survey = self.survey(located) if self._fuses else None
-        if survey is None:
-            return [entry.result for entry in located]
-        near = {look.frame.name: look for look in self.look_again(survey)}
-        return self.fuse(located, survey, near)
 
     def describe(self) -> dict[str, Any]:
         """Return what was chosen for this run, ready for ``run.json``."""
@@ -180,6 +167,7 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         UasthnError: an input cannot be used; each class has its exit code.
         ValueError: what the job asks for contradicts itself.
     """
+    job = replace(job, calibration=chosen_calibration(job, is_given=estimator is not None))
     has_head = None if estimator is None else says_deviations(estimator)
     chosen_uncertainty(job, has_head=has_head)
     timer = StageTimer()
@@ -204,7 +192,7 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         wide_map = stack.enter_context(MapReader(job.map_path, local, wide_m))
         wide_map.require_overlap(positions, job.config.search_radius_m)
         second = None
-        scale = None if estimator else SECOND_SCALES.get(job.config.estimator)
+        scale = None if estimator else job.spec.second_scale
         if scale is not None:
             second_map = stack.enter_context(MapReader(job.map_path, local, scale * wide_m))
             again = open_base(job, symmetries=1, appearance=False)

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.report.load import RunResults
-from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M, Accuracy, accuracy_of, column
+from uasthn_cli.report.metrics import Accuracy, accuracy_of, column
 
 
-def prior_accuracy(run: RunResults, tolerance_m: float = DEFAULT_TOLERANCE_M) -> Accuracy | None:
+def prior_accuracy(run: RunResults, tolerance_m: float = TOLERANCE_M) -> Accuracy | None:
     """Judge the prior on the run's own frames; None without true camera positions.
 
     Its error is the distance of the prior's camera position from the true one; it has no corners

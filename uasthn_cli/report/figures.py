@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.report.drawing import (
     BLUE,
     GREEN,
@@ -24,7 +25,7 @@ from uasthn_cli.report.drawing import (
     title,
 )
 from uasthn_cli.report.load import RunResults
-from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M, column
+from uasthn_cli.report.metrics import column
 from uasthn_cli.report.trust import (
     expected_calibration_error,
     radius_coverage,
@@ -56,7 +57,7 @@ _RATIO_SHOWN: Final = 3.0
 
 
 def draw_run(
-    run: RunResults, tolerance_m: float = DEFAULT_TOLERANCE_M, file_format: str = "png"
+    run: RunResults, tolerance_m: float = TOLERANCE_M, file_format: str = "png"
 ) -> dict[str, bytes | None]:
     """Draw a run's figures: the bytes of a ``png`` or ``svg`` file per name in ``NEEDS``.
 
@@ -147,12 +148,12 @@ def _reliability_figure(answers: JudgedAnswers, name: str) -> Figure | None:
     )
     error = expected_calibration_error(bins)
     axes.plot([], [], " ", label=f"expected calibration error {error:.3f}")
-    axes.set_ylabel(f"observed share beyond {DEFAULT_TOLERANCE_M:g} m")
+    axes.set_ylabel(f"observed share beyond {TOLERANCE_M:g} m")
     axes.set_ylim(0.0, 1.0)
     axes.legend(loc="upper left")
     spread.hist(answers.risk[np.isfinite(answers.risk)], np.linspace(0.0, 1.0, 41), color=BLUE)
     spread.set_xlim(0.0, 1.0)
-    spread.set_xlabel(f"predicted risk: probability of an error beyond {DEFAULT_TOLERANCE_M:g} m")
+    spread.set_xlabel(f"predicted risk: probability of an error beyond {TOLERANCE_M:g} m")
     spread.set_ylabel("answers")
     return figure
 

@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.report.load import RunResults
-from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M, summarise
+from uasthn_cli.report.metrics import summarise
 from uasthn_cli.report.trust_summary import summarise_trust
 
 
@@ -25,9 +26,7 @@ class Gates:
     min_ce90_coverage: float | None = None
 
 
-def missed_gates(
-    run: RunResults, gates: Gates, tolerance_m: float = DEFAULT_TOLERANCE_M
-) -> list[str]:
+def missed_gates(run: RunResults, gates: Gates, tolerance_m: float = TOLERANCE_M) -> list[str]:
     """Return a phrase for every gate that a run misses; ``tolerance_m`` is for ``max_risk``.
 
     A gate whose figure does not exist (no truth, no frame, nothing accepted) is missed.
@@ -38,7 +37,7 @@ def missed_gates(
 
 def _missed_accuracy(run: RunResults, gates: Gates) -> Iterator[str]:
     """Yield the gates on acceptance and errors that are missed, without the run's name."""
-    summary = summarise(run, DEFAULT_TOLERANCE_M)
+    summary = summarise(run, TOLERANCE_M)
     accuracy = summary.accuracy
     fraction = summary.accepted_fraction
     if gates.min_accepted is not None and not _reaches(fraction, gates.min_accepted):

@@ -3,15 +3,13 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.report.load import RunResults
 from uasthn_cli.report.rows import FrameRow
 from uasthn_cli.types import BoolArray, FloatArray
-
-DEFAULT_TOLERANCE_M: Final = 25.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +59,7 @@ class Summary:
     accuracy: Accuracy | None
 
 
-def summarise(run: RunResults, tolerance_m: float = DEFAULT_TOLERANCE_M) -> Summary:
+def summarise(run: RunResults, tolerance_m: float = TOLERANCE_M) -> Summary:
     """Summarise a run; ``tolerance_m`` is the CE up to which a frame counts as found."""
     accepted = _flags(run.rows, "accepted")
     reasons = Counter(row.reason for row in run.rows if row.reason)

@@ -6,8 +6,9 @@ from typing import Final
 
 import numpy as np
 
+from uasthn_cli.config import TOLERANCE_M
 from uasthn_cli.report.load import RunResults
-from uasthn_cli.report.metrics import DEFAULT_TOLERANCE_M, column
+from uasthn_cli.report.metrics import column
 from uasthn_cli.report.trust import (
     ReliabilityBin,
     expected_calibration_error,
@@ -99,9 +100,7 @@ def judged_answers(run: RunResults, tolerance_m: float) -> JudgedAnswers:
     )
 
 
-def summarise_trust(
-    run: RunResults, tolerance_m: float = DEFAULT_TOLERANCE_M
-) -> TrustSummary | None:
+def summarise_trust(run: RunResults, tolerance_m: float = TOLERANCE_M) -> TrustSummary | None:
     """Judge what a run says of its own errors; None for a run without truth."""
     if not run.has_truth:
         return None
@@ -130,7 +129,7 @@ def summarise_trust(
 def risk_reliability(answers: JudgedAnswers) -> tuple[ReliabilityBin, ...]:
     """Return the bins of the column ``risk``, judged at the 25 m that it speaks of."""
     has_risk = np.isfinite(answers.risk)
-    beyond = answers.ce_m > DEFAULT_TOLERANCE_M
+    beyond = answers.ce_m > TOLERANCE_M
     return reliability_bins(answers.risk[has_risk], beyond[has_risk])
 
 

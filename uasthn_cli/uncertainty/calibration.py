@@ -12,7 +12,6 @@ from uasthn_cli.uncertainty.risk_model import SIGNALS, RiskModel, SignalTerm, Tr
 
 FORMAT: Final = "uasthn-calibration-1"
 _MADE_OF: Final = "made_of"
-BUNDLED_CALIBRATION: Final = Path(__file__).parent.parent / "weights" / "calibration.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,15 +112,6 @@ def load_calibration(path: Path) -> Calibration:
     except ValueError as error:
         raise CalibrationError(f"{path}: not JSON: {error}") from error
     return Calibration.from_json(document, str(path))
-
-
-def load_bundled_calibration() -> Calibration | None:
-    """Return the calibration that came with the package's weights; None if none did.
-
-    Raises:
-        CalibrationError: the file is damaged.
-    """
-    return load_calibration(BUNDLED_CALIBRATION) if BUNDLED_CALIBRATION.exists() else None
 
 
 @dataclass(frozen=True, slots=True)

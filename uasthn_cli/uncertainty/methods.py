@@ -38,13 +38,14 @@ class Offer:
     """What there is to tell an answer's uncertainty by.
 
     ``views`` the base network has of a frame, ``members`` of the ensemble, the base network among
-    them, and whether that one has Direct Modeling's second head.
+    them, whether that one has Direct Modeling's second head, and whether an ensemble is in the box.
     """
 
     estimator: str
     views: int
     members: int
     has_head: bool
+    has_box_ensemble: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ def refusal(method: UeMethod, offer: Offer) -> str | None:
     if method in OF_CROPS and offer.views < 2:
         return f"{method} needs crops, say --views 5: one view cannot disagree with itself"
     if method in OF_MEMBERS and offer.members < 2:
-        box = ", or --ensemble" if offer.estimator == "xcorr" else ""
+        box = ", or --ensemble" if offer.has_box_ensemble else ""
         return f"{method} needs an ensemble: give --weights several times{box}"
     if method is UeMethod.DM and not offer.has_head:
         return f"{method} needs a network with a second head; {offer.estimator} has none"

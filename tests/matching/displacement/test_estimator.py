@@ -106,8 +106,8 @@ def test_views_of_a_network(name: str) -> None:
 
 def test_early_stopping_leaves_the_answer(tmp_path: Path) -> None:
     path = small_weights(tmp_path, "ihn")
-    stopped = open_estimator("ihn", weights_path=path, device="cpu", ue_iterations=1)
-    whole = open_estimator("ihn", weights_path=path, device="cpu")
+    stopped = open_estimator("ihn", weights=[path], device="cpu", ue_iterations=1)
+    whole = open_estimator("ihn", weights=[path], device="cpu")
     assert isinstance(stopped, DisplacementEstimator)
     assert isinstance(whole, DisplacementEstimator)
     ours, theirs = estimate(stopped, with_crops()), estimate(whole, with_crops())
@@ -137,9 +137,9 @@ def test_weights_are_needed_and_must_fit(tmp_path: Path) -> None:
         open_estimator("ihn")
     path = small_weights(tmp_path, "dhn")
     with pytest.raises(WeightsError, match="are for dhn, not for sthn"):
-        open_estimator("sthn", weights_path=path)
+        open_estimator("sthn", weights=[path])
     with pytest.raises(WeightsError, match="takes 0"):
-        open_estimator("dhn", weights_path=path, ue_iterations=1)
+        open_displacement("dhn", path, "cpu", ue_iterations=1)
 
 
 def test_squares_reach_beyond_their_image() -> None:

@@ -7,6 +7,7 @@ import pytest
 from tiny_displacement import tiny_displacement_config
 
 from uasthn_cli.commands import displacement_options
+from uasthn_cli.matching.registry import TRAINED_HERE
 from uasthn_cli.training.displacement.config import (
     PRESETS,
     DisplacementConfig,
@@ -16,7 +17,7 @@ from uasthn_cli.training.displacement.config import (
 
 def test_presets_are_complete_and_those_of_the_command() -> None:
     assert tuple(PRESETS) == displacement_options.PRESETS
-    assert ("xcorr", *get_args(NetworkName)) == displacement_options.NETWORKS
+    assert ("xcorr", *get_args(NetworkName)) == TRAINED_HERE
     for network in get_args(NetworkName):
         preset = PRESETS[f"paper-{network}"]
         assert preset.network == network

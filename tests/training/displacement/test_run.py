@@ -62,7 +62,7 @@ def test_weights_card_and_log(tmp_path: Path) -> None:
     assert model.name == "dhn"
     assert model.settings.width_ratio == 3.0
     assert model.notes["licence_note"] == "made up" and model.notes["steps"] == "4"
-    assert open_estimator("dhn", weights_path=run.paths.weights).name == "dhn"
+    assert open_estimator("dhn", weights=[run.paths.weights]).name == "dhn"
     card = run.paths.card.read_text("utf-8")
     assert "Pairs of `patterns`." in card
     assert "uasthn train patterns" in card
@@ -91,7 +91,7 @@ def test_iterated_networks_become_estimators_too(network: str, tmp_path: Path) -
     assert (model.settings.iterations, model.settings.second_iterations) == (2, 1)
     assert model.settings.box_padding == 32 / 1536
     assert "None: no other pairs" in run.paths.card.read_text("utf-8")
-    assert open_estimator(network, weights_path=run.paths.weights).name == network
+    assert open_estimator(network, weights=[run.paths.weights]).name == network
 
 
 def drawn_job(folder: Path, share: float = 0.5, gsd_m: float = 2.0) -> DisplacementJob:

@@ -180,7 +180,7 @@ class DisplacementEstimator:
 
 
 def open_displacement(
-    name: str, weights_path: Path | None, device: str, ue_iterations: int | None = None
+    name: str, weights_path: Path, device: str, ue_iterations: int | None = None
 ) -> DisplacementEstimator:
     """Return ``dhn``, ``ihn`` or ``sthn`` with weights of a user's own, on ``auto|cpu|cuda``.
 
@@ -188,13 +188,8 @@ def open_displacement(
     weights of an STHN also make an ``ihn``: its first stage.
 
     Raises:
-        WeightsError: no weights, weights of another network, or early stopping without steps.
+        WeightsError: unreadable weights, those of another network, or early stopping without steps.
     """
-    if weights_path is None:
-        raise WeightsError(
-            f"--estimator {name} has no weights in the box: give --weights (uasthn models pull"
-            " fetches the authors', uasthn train makes some)"
-        )
     model = load_displacement(weights_path)
     if name == "ihn" and model.name == "sthn":
         model = DisplacementModel(model.network, None, model.settings, model.notes)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from uasthn_cli import __version__
+from uasthn_cli.config import PAPER_THERMAL_PX
 from uasthn_cli.matching.displacement.model import DisplacementModel
-from uasthn_cli.training.displacement.config import PAPER_THERMAL_PX, DisplacementConfig
+from uasthn_cli.training.displacement.config import DisplacementConfig
 from uasthn_cli.training.displacement.network import InitialModel
 from uasthn_cli.training.loop import Validation
 from uasthn_cli.training.tgm.thermal_generator import GeneratorFile

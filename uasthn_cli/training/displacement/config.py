@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from uasthn_cli.config import CROP_OFFSET_FRACTION
+from uasthn_cli.config import CROP_OFFSET_FRACTION, PAPER_THERMAL_PX
 
 NetworkName = Literal["dhn", "ihn", "sthn"]
 FirstStage = Literal["joint", "frozen"]
@@ -13,9 +13,6 @@ LEARNING_RATE: Final = 1e-4
 
 PAPER_SATELLITE_PX: Final = 1536
 """W_S of the paper at its 1 m a pixel: the width at which boxes of the second stage are stated."""
-
-PAPER_THERMAL_PX: Final = 512
-"""W_T of the paper, in whose pixels it states crop offsets."""
 
 
 @dataclass(frozen=True, slots=True)
