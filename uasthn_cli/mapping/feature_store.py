@@ -1,9 +1,9 @@
 """Map features on disk, for the next flight over the same ground.
 
-An entry is named by a hash of the very pixels that were encoded, of whoever encoded them and of
-how they were cut. No map is ever recognised by its name, size or time of change: whatever becomes
-of the file, its overviews or the sources of a virtual raster, other pixels have another name.
-Reading and hashing a window takes a fiftieth of the time that encoding it takes.
+An entry is named by a hash of the map's whole content and the place of the tile, or, where a map is
+too large for that or its pixels lie in other files, of the very pixels that were encoded; and of
+whoever encoded them and how they were cut. No map is ever recognised by its name, size or time of
+change: whatever becomes of the file or its overviews, other content has another name.
 
 A folder may be shared: entries come into place whole, by a rename, and equal names mean equal
 content. Each carries a checksum, and what does not match it is computed anew. A folder that cannot
@@ -55,6 +55,11 @@ def window_key(window: MapWindow, made_by: str) -> str:
     for array in (window.image, window.valid):
         hashed.update(np.ascontiguousarray(array).data)
     return hashed.hexdigest()
+
+
+def place_key(about: str) -> str:
+    """Return the name of a tile of a known map: ``about`` says all that shapes its features."""
+    return hashlib.sha256(_MAGIC + about.encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)

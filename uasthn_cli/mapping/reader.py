@@ -12,6 +12,7 @@ from rasterio.crs import CRS
 
 from uasthn_cli.errors import MapElsewhereError
 from uasthn_cli.geometry.geodesy import LocalFrame
+from uasthn_cli.mapping.content import content_sha256
 from uasthn_cli.mapping.georeference import Georeference
 from uasthn_cli.mapping.radiometry import Scaling, find_scaling, find_statistics, sample_boxes
 from uasthn_cli.mapping.raster import MapSource, fitting_overview, gdal_errors, open_source, warp
@@ -92,6 +93,19 @@ class MapReader:
     def place(self) -> Georeference:
         """Where the raster that is read (the map or one of its overviews) lies."""
         return self._source.place
+
+    @cached_property
+    def content_id(self) -> str | None:
+        """What windows show, without reading any: equal strings mean equal windows of equal boxes.
+
+        None where that would take longer than reading them: of large maps and of virtual rasters,
+        whose pixels lie in other files.
+        """
+        with gdal_errors(self._path, "read"):
+            content = content_sha256(self._source.dataset)
+        if content is None:
+            return None
+        return repr((content, self._frame.wkt(), self.grid.gsd_m, self._pixel_m.tolist()))
 
     @property
     def statistics(self) -> MapStatistics:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.config import MAX_TILE_BYTES
-from uasthn_cli.mapping.feature_store import FeatureStore, window_key
+from uasthn_cli.mapping.feature_store import FeatureStore, place_key, window_key
 from uasthn_cli.seam import CacheableEncoder
 from uasthn_cli.types import BoolArray, FloatArray, GridBox, MapFeatures, MapGrid, MapWindow
 
@@ -37,10 +37,15 @@ class _Tile:
 
 @dataclass(frozen=True, slots=True)
 class EncodingCache:
-    """Where features are kept beyond the flight, and whose they are."""
+    """Where features are kept beyond the flight, and whose they are.
+
+    ``map_id`` tells what windows on a grid show without reading them; None: it takes reading.
+    """
 
     store: FeatureStore
     encoder: CacheableEncoder
+    grid: MapGrid | None = None
+    map_id: str | None = None
 
 
 class FeatureTiles:
@@ -164,6 +169,25 @@ class FeatureTiles:
             self._kept_bytes -= self._tiles.pop(key).size_bytes
 
     def _make_tile(self, key: _Key) -> _Tile:
+        """Return a tile that was kept for this very map, or read its window and encode that."""
+        cache = self._cache
+        if cache is None or cache.map_id is None or cache.grid is None:
+            return self._tile_of_window(key)
+        name = place_key(f"{cache.encoder.encoding_id} {self._cut} {cache.map_id} {key}")
+        kept = cache.store.get(name)
+        if kept is not None:
+            self._channels = len(kept) - 1
+            return _Tile(kept[:-1], kept[-1] > 0, cache.grid)
+        tile = self._tile_of_window(key)
+        if tile.values is not None:
+            cache.store.put(name, np.concatenate([tile.values, tile.valid[None]], dtype=np.float16))
+        return tile
+
+    @property
+    def _cut(self) -> tuple[int, int, int]:
+        return self._tile_px, self._halo_px, self._stride_px
+
+    def _tile_of_window(self, key: _Key) -> _Tile:
         """Encode a tile with its halo; the very first one always, to learn the channels."""
         size, halo, stride = self._tile_px, self._halo_px, self._stride_px
         side = size + 2 * halo
@@ -180,10 +204,9 @@ class FeatureTiles:
 
     def _features(self, window: MapWindow) -> NDArray[np.float16]:
         """Return the features of a tile from the cache, or encode its window and put them there."""
-        if self._cache is None:
+        if self._cache is None or self._cache.map_id is not None:
             return self._encoded(window)
-        cut = (self._tile_px, self._halo_px, self._stride_px)
-        key = window_key(window, f"{self._cache.encoder.encoding_id} {cut}")
+        key = window_key(window, f"{self._cache.encoder.encoding_id} {self._cut}")
         values = self._cache.store.get(key)
         if values is None:
             values = self._encoded(window)

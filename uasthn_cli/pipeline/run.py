@@ -220,7 +220,7 @@ def _looker(
 ) -> Looker:
     cache = None
     if job.cache_dir is not None and isinstance(estimator, CacheableEncoder):
-        cache = EncodingCache(open_store(job.cache_dir), estimator)
+        cache = EncodingCache(open_store(job.cache_dir), estimator, reader.grid, reader.content_id)
     tiles = FeatureTiles(
         timer.timed("map", reader.read),
         timer.timed("features", estimator.encode_map),
