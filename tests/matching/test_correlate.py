@@ -8,6 +8,7 @@ from uasthn_cli.matching import correlate as module
 from uasthn_cli.matching.correlate import (
     cell_mask,
     correlate,
+    correlate_directly,
     normalise_template,
     sliding_sums,
 )
@@ -80,3 +81,11 @@ def test_a_cell_counts_only_if_all_its_pixels_do() -> None:
     expected = np.ones((3, 4), np.bool_)
     expected[1, 2] = False
     np.testing.assert_array_equal(cell_mask(valid, 2), expected)
+
+
+def test_a_few_shifts_are_scored_directly_like_all_of_them() -> None:
+    window, features, masks = scene(5, views=3)
+    templates = normalise_template(features, masks)
+    box = (slice(4, 11), slice(17, 22))
+    found = correlate_directly(window, templates, masks, box)
+    assert found == pytest.approx(correlate(window, templates, masks)[:, box[0], box[1]], abs=1e-5)

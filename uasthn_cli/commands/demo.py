@@ -7,6 +7,7 @@ import click
 
 from uasthn_cli.commands.cache_option import cache_option
 from uasthn_cli.commands.console import progress, say
+from uasthn_cli.commands.jobs_option import jobs_option
 from uasthn_cli.commands.options import out_option, overwrite_option
 from uasthn_cli.commands.sections import SectionedCommand, section_option
 from uasthn_cli.config import TOLERANCE_M
@@ -43,7 +44,8 @@ flight_option = section_option("Flight")
 )
 @overwrite_option
 @cache_option
-def demo(seed: int, out: Path, overwrite: bool, cache_dir: Path | None) -> None:
+@jobs_option
+def demo(seed: int, out: Path, overwrite: bool, cache_dir: Path | None, jobs: int | None) -> None:
     """Render an example flight, geo-tag it and report.
 
     The landscape, its night-time thermal frames and a log whose GPS drifts by up to 80 m are made
@@ -66,6 +68,7 @@ def demo(seed: int, out: Path, overwrite: bool, cache_dir: Path | None) -> None:
         map_path=flight.map,
         camera=CameraSpec(hfov_deg=config.hfov_deg),
         cache_dir=cache_dir,
+        jobs=jobs,
     )
     target = Target(out / "results", flight.truth, overwrite=overwrite)
     try:

@@ -9,6 +9,7 @@ import click
 
 from uasthn_cli.commands.cache_option import cache_option
 from uasthn_cli.commands.console import say
+from uasthn_cli.commands.jobs_option import jobs_option
 from uasthn_cli.commands.matching_options import matching_options, search_option, trust_option
 from uasthn_cli.commands.options import (
     camera_options,
@@ -67,6 +68,7 @@ input_option = section_option("Input")
 @out_option("Folder for frames.csv, frames.geojson and run.json.")
 @overwrite_option
 @cache_option
+@jobs_option
 @output_option(
     "--crs",
     type=CrsType(),
@@ -116,6 +118,7 @@ def geotag(
     out: Path,
     overwrite: bool,
     cache_dir: Path | None,
+    jobs: int | None,
     crs: str | None,
     truth_path: Path | None,
     frame_times_csv: Path | None,
@@ -146,6 +149,7 @@ def geotag(
         weights=weights,
         calibration=asked_calibration(calibration_name),
         cache_dir=cache_dir,
+        jobs=jobs,
     )
     require_consistent(job)
     job = replace(job, calibration=chosen_calibration(job))
@@ -172,10 +176,11 @@ def asked_calibration(name: str) -> "Calibration | BoxCalibration | None":
 
 def require_consistent(job: "GeotagJob") -> None:
     """Check that method of uncertainty, weights and settings fit together, before any work."""
-    from uasthn_cli.pipeline.job import chosen_uncertainty
+    from uasthn_cli.pipeline.job import chosen_jobs, chosen_uncertainty
 
     try:
         chosen_uncertainty(job)
+        chosen_jobs(job)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 

@@ -48,6 +48,10 @@ the patterns, the shell must not expand them):
 Without any image, on rendered places only:
   uasthn train --sand-share 0.4 --landscape-share 0.6 --steps 1000 --out rendered.safetensors
 \b
+A network of a quarter of the cost that sees what a larger one sees:
+  uasthn train --images 'maps/*.tif' --teacher large.safetensors --widths 16,32,64,96 \\
+      --channels 8 --steps 1400 --learning-rate 0.003 --out small.safetensors
+\b
 The paper's two-stage network on pairs, on a GPU; then its first stage alone as
 one of five members of an ensemble:
   uasthn train boson/ --network sthn --preset paper-sthn --out sthn.safetensors
@@ -112,6 +116,13 @@ data_option = section_option("Data of xcorr")
     help="Start from these weights, which also say how large the network is, with a new optimiser;"
     " not from random ones.",
 )
+@network_option(
+    "--teacher",
+    type=click.Path(path_type=Path),
+    metavar="WEIGHTS.safetensors",
+    help="Of xcorr: learn the features of this network instead of the search (distillation): for a"
+    " smaller one that is nearly as good.",
+)
 @displacement_options
 @camera_options
 @weights_option
@@ -123,6 +134,7 @@ def train(
     licence_note: str | None,
     validate_every: int,
     init: Path | None,
+    teacher: Path | None,
     out: Path,
     overwrite: bool,
     network: str,
@@ -164,6 +176,7 @@ def train(
             licence_note=licence_note,
             command_line=shlex.join(as_typed(context)),
             initial_weights=init,
+            teacher=teacher,
         )
     )
     train_to_end(run, config.steps, report_line)

@@ -82,10 +82,15 @@ XCORR: Final = EstimatorSpec(
     scores_shifts=True,
     is_trained_here=True,
     calibration=BUNDLED_CALIBRATION,
+    works_in_threads=True,
 )
 
 NCC: Final = EstimatorSpec(
-    name="ncc", open=_open_ncc, working_width_px=THERMAL_WIDTH_PX, scores_shifts=True
+    name="ncc",
+    open=_open_ncc,
+    working_width_px=THERMAL_WIDTH_PX,
+    scores_shifts=True,
+    works_in_threads=True,
 )
 
 VISMATCH: Final = EstimatorSpec(

@@ -18,7 +18,13 @@ from uasthn_cli.matching.appearance import (
     levelled_window,
 )
 from uasthn_cli.matching.architecture import HALO_PX, STRIDE_PX
-from uasthn_cli.matching.correlate import cell_mask, correlate, normalise_template, sliding_sums
+from uasthn_cli.matching.correlate import (
+    cell_mask,
+    correlate,
+    correlate_directly,
+    normalise_template,
+    sliding_sums,
+)
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.encoders import Encoders, open_encoders
 from uasthn_cli.matching.identity import code_sha256
@@ -134,16 +140,18 @@ class XcorrEstimator:
         One orientation is enough here: the place is known.
         """
         cells = cell_mask(thermal.valid, STRIDE_PX).astype(np.float32)
+        near = within_reach(_shifts(features, cells), origin_px / STRIDE_PX)
+        box = _box_around(near)
         scores = []
         for member, window in self._windows(features):
             encoded = member.thermal(thermal.image, thermal.valid)
             turned, masks = turned_features(encoded, cells, hypotheses)
             templates = _templates(turned, masks)
             first = window[: member.channels]
-            scores.append(correlate(first, templates, masks) * member.temperature)
+            found = correlate_directly(first, templates, masks, box)
+            scores.append(found * np.float32(member.temperature))
         averaged = np.asarray(np.mean(scores, axis=0, dtype=np.float64))
-        near = within_reach(averaged.shape[1:], origin_px / STRIDE_PX)
-        best: FloatArray = averaged[:, near].max(axis=1)
+        best: FloatArray = averaged[:, near[box]].max(axis=1)
         return best
 
     def _search(self, features: MapFeatures, thermal: Ortho) -> "_Search":
@@ -266,6 +274,18 @@ def _satellite(
     member: Encoders, statistics: MapStatistics, rgb: ImageArray, valid: BoolArray
 ) -> ImageArray:
     return member.satellite(rgb, valid, statistics)
+
+
+def _shifts(features: MapFeatures, cells: ImageArray) -> tuple[int, int]:
+    """Return how many rows and columns of shifts keep a frame's cells inside the window."""
+    rows, columns = features.valid.shape
+    return rows - cells.shape[0] + 1, columns - cells.shape[1] + 1
+
+
+def _box_around(near: BoolArray) -> tuple[slice, slice]:
+    """Return the rows and columns that hold all true entries, of which there are some."""
+    rows, columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 def _templates(turned: ImageArray, masks: ImageArray) -> ImageArray:

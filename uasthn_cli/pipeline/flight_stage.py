@@ -22,7 +22,8 @@ from uasthn_cli.fusion.offsets import OffsetGrid, best_offset_m
 from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.pipeline.likelihoods import likelihood_of_look
-from uasthn_cli.pipeline.look import Looker, LookError
+from uasthn_cli.pipeline.look import Looker, LookError, Scene
+from uasthn_cli.pipeline.parallel import in_order
 from uasthn_cli.seam import Aligner, Similarity
 from uasthn_cli.types import (
     Attitude,
@@ -98,8 +99,10 @@ class FlightStage:
         near: Looker,
         grid: OffsetGrid,
         rebuild_priors: RebuildPriors,
+        jobs: int = 1,
     ) -> None:
-        """Keep how the flight was searched and how it is looked at again."""
+        """Keep how the flight was searched and is looked at again, by how many at once."""
+        self._jobs = jobs
         self._wide, self._near, self._grid = wide, near, grid
         self._rebuild_priors = rebuild_priors
         self._reach_m = max(
@@ -202,23 +205,27 @@ class FlightStage:
         estimator = self._near.estimator
         if not isinstance(estimator, Aligner):
             return None
-        scenes = []
-        for prior, offset_m in places:
-            moved = moved_prior(prior, offset_m, self._near.local)
-            try:
-                scenes.append(self._near.scene(moved, self._reach_m))
-            except LookError as error:
-                _log.debug("%s: %s", prior.frame.name, error)
+        seen = in_order(self._scene, places, self._jobs)
+        scenes = [scene for scene in seen if scene is not None]
 
         def score(hypotheses: Sequence[Similarity]) -> FloatArray:
-            return np.stack(
-                [
-                    estimator.fit_scores(s.features, s.thermal, s.origin_px, hypotheses)
-                    for s in scenes
-                ]
-            )
+            def fit(scene: Scene) -> FloatArray:
+                return estimator.fit_scores(
+                    scene.features, scene.thermal, scene.origin_px, hypotheses
+                )
+
+            return np.stack(list(in_order(fit, scenes, self._jobs)))
 
         return constants_of_views(score) if len(scenes) >= LEAST_FRAMES else None
+
+    def _scene(self, place: tuple[Prior, FloatArray]) -> Scene | None:
+        """Return a frame near where its offset puts it; None where nothing can be seen."""
+        prior, offset_m = place
+        try:
+            return self._near.scene(moved_prior(prior, offset_m, self._near.local), self._reach_m)
+        except LookError as error:
+            _log.debug("%s: %s", prior.frame.name, error)
+            return None
 
     def _near_priors(
         self, frames: Sequence[FlightFrame], offsets_m: FloatArray, constants: FlightConstants

@@ -8,6 +8,7 @@ from uasthn_cli.config import Aggregation, GeotagConfig, Merge, PriorConfig, UeM
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching.registry import spec_of
 from uasthn_cli.matching.spec import EstimatorSpec
+from uasthn_cli.pipeline.parallel import usable_cores
 from uasthn_cli.uncertainty.calibration import AnswerKind, Calibration, load_calibration
 from uasthn_cli.uncertainty.methods import (
     OF_CROPS,
@@ -35,7 +36,8 @@ class GeotagJob:
     ``weights`` are files of networks: none for those in the box, the base network's, or also those
     of further members of an ensemble. ``calibration`` None: answers are judged by plain limits.
     ``cache_dir`` keeps map features for later runs (None: nowhere); it shapes how long the run
-    takes and nothing else.
+    takes and nothing else. So do ``jobs``, the frames that are looked at at once (None: as many as
+    there are cores for).
     """
 
     log_path: Path
@@ -48,6 +50,7 @@ class GeotagJob:
     weights: tuple[Path, ...] = ()
     calibration: Calibration | BoxCalibration | None = BOX_CALIBRATION
     cache_dir: Path | None = None
+    jobs: int | None = None
 
     @property
     def spec(self) -> EstimatorSpec:
@@ -79,6 +82,21 @@ def chosen_calibration(job: GeotagJob, *, is_given: bool = False) -> Calibration
     path = job.spec.calibration
     is_default = not (job.weights or job.config.ensemble or is_given)
     return load_calibration(path) if is_default and path is not None and path.exists() else None
+
+
+def chosen_jobs(job: GeotagJob) -> int:
+    """Return how many frames are looked at at once: as asked for, else one for each core.
+
+    Raises:
+        ValueError: several are asked for, and the estimator looks at one at a time.
+    """
+    if job.spec.works_in_threads:
+        return usable_cores() if job.jobs is None else job.jobs
+    if job.jobs is not None and job.jobs > 1:
+        raise ValueError(
+            f"--estimator {job.config.estimator} looks at one frame at a time: leave out --jobs"
+        )
+    return 1
 
 
 def chosen_uncertainty(job: GeotagJob, *, has_head: bool | None = None) -> UncertaintyChoice:

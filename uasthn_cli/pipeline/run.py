@@ -37,14 +37,16 @@ from uasthn_cli.pipeline.estimators import (
 from uasthn_cli.pipeline.flight_stage import FlightStage, RebuildPriors, Survey
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
-from uasthn_cli.pipeline.job import GeotagJob, chosen_calibration, chosen_uncertainty
+from uasthn_cli.pipeline.job import GeotagJob, chosen_calibration, chosen_jobs, chosen_uncertainty
 from uasthn_cli.pipeline.judge import Judge
 from uasthn_cli.pipeline.look import Looker
+from uasthn_cli.pipeline.parallel import in_order
 from uasthn_cli.pipeline.timing import StageTimer
 from uasthn_cli.seam import CacheableEncoder, Estimator
 from uasthn_cli.types import (
     CameraModel,
     FloatArray,
+    FrameFailure,
     FrameFile,
     FrameResult,
     Located,
@@ -80,14 +82,16 @@ class Run:
     ) -> None:
         """Wire the stages together; ``lookers`` see the wide search and what is near."""
         self.priors, self.map_crs, self._timer = priors, map_crs, timer
-        self.camera, self.fuses = job.camera, job.config.fuse
+        self.camera, self.fuses, self._jobs = job.camera, job.config.fuse, chosen_jobs(job)
         self._wide, self._near = lookers
         self.calibration = chosen_calibration(job)
         self._judge = Judge(job.config, self.calibration, map_pixel_m)
         self._map_pixel_m = map_pixel_m
         self._uncertainty = uncertainty
         self._stage = FrameStage(self._wide, self._judge, job.config, uncertainty)
-        self._flight = FlightStage(self._wide, self._near, self._stage.offset_grid, rebuild)
+        self._flight = FlightStage(
+            self._wide, self._near, self._stage.offset_grid, rebuild, self._jobs
+        )
 
     @property
     def names(self) -> list[str]:
@@ -101,13 +105,11 @@ class Run:
 
     def locate(self, skip: Container[str] = ()) -> Iterator[Located]:
         """Yield what each frame gives alone, in frame order, without those in ``skip``."""
-        for entry in self.priors.results:
-            if entry.frame.name in skip:
-                continue
-            if isinstance(entry, Prior):
-                yield self._stage.locate(entry)
-            else:
-                yield Located(entry, None)
+        entries = (entry for entry in self.priors.results if entry.frame.name not in skip)
+        yield from in_order(self._located, entries, self._jobs)
+
+    def _located(self, entry: Prior | FrameFailure) -> Located:
+        return self._stage.locate(entry) if isinstance(entry, Prior) else Located(entry, None)
 
     def survey(self, located: Iterable[Located]) -> Survey | None:
         """Settle the flight from what its frames gave alone; None where they say nothing."""
@@ -116,9 +118,10 @@ class Run:
 
     def look_again(self, survey: Survey, skip: Container[str] = ()) -> Iterator[NearLook]:
         """Yield what each frame shows near where the flight has it, leaving out ``skip``."""
-        for index, frame in enumerate(survey.frames):
-            if frame.prior.frame.name not in skip:
-                yield self._flight.look_again(survey, index)
+        indices = (
+            index for index, frame in enumerate(survey.frames) if frame.prior.frame.name not in skip
+        )
+        yield from in_order(partial(self._flight.look_again, survey), indices, self._jobs)
 
     def fuse(
         self, located: Iterable[Located], survey: Survey, near: Mapping[str, NearLook]

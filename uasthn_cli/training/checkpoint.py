@@ -22,6 +22,7 @@ XCORR_OPTIONS: Final = {
     "architecture.widths": "--widths",
     "architecture.feature_channels": "--channels",
     "initial": "--init",
+    "teacher": "--teacher",
     **{f"samples.engine.{part.replace('-', '_')}": f"--without {part}" for part in PARTS},
 }
 """How settings of ``uasthn train`` for ``xcorr`` are typed."""
@@ -109,7 +110,7 @@ def require_same_run(
     for name in sorted(saved_flat.keys() & wanted_flat.keys()):
         if name in _FREE or saved_flat[name] == wanted_flat[name]:
             continue
-        is_digest = name in ("data", "initial", "generator")
+        is_digest = name in ("data", "initial", "teacher", "generator")
         values = (
             "" if is_digest else f" ({_said(saved_flat[name])}, now {_said(wanted_flat[name])})"
         )

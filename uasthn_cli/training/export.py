@@ -84,6 +84,7 @@ class TrainingStory:
     licence_note: str | None
     command_line: str | None
     initial: InitialWeights | None = None
+    teacher: InitialWeights | None = None
 
 
 def export(paths: OutputPaths, model: XcorrModel, story: TrainingStory) -> None:
@@ -152,6 +153,8 @@ def _settings(story: TrainingStory) -> Iterator[tuple[str, object]]:
     config = story.config
     yield "uasthn", __version__
     yield "started from", _start(story.initial)
+    if story.teacher is not None:
+        yield "learned the features of", f"`{story.teacher.name}`, SHA-256 {story.teacher.sha256}"
     yield "steps", config.steps
     yield "batch", f"{config.samples.windows} windows × {config.samples.canvases} thermal views"
     yield "seed", config.seed

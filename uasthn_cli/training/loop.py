@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from uasthn_cli.errors import TrainingDivergedError
 from uasthn_cli.matching.networks import XcorrModel
 from uasthn_cli.training.batches import BatchT, load_batches
+from uasthn_cli.training.distil import distillation_loss, encode_batch, reduce_channels
 from uasthn_cli.training.losses import search_loss, search_scores
 from uasthn_cli.training.samples import CANVAS_PX, Batch, SampleDataset
 from uasthn_cli.training.scenes import SceneSet
@@ -30,6 +31,8 @@ _WARM_UP_STEPS = 100
 _DECAY_SHARE = 0.3
 _VALIDATION_SEED_OFFSET = 1_000_003
 _VALIDATION_BATCHES = 6
+_REDUCTION_SEED_OFFSET = 2_000_003
+_REDUCTION_BATCHES = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +96,11 @@ def train_steps(
     config: TrainingConfig,
     checkpoint_path: Path,
     on_step: Callable[[int], None] = lambda _: None,
+    teacher: XcorrModel | None = None,
 ) -> Iterator[Progress]:
     """Train to the last step; yields after every checkpoint, calls ``on_step`` after every step.
+
+    With a ``teacher`` of as many feature channels, its features are learnt and not the search.
 
     Batch ``n`` of a seed is the same in every run, and a checkpoint holds all that the next step
     depends on: on a CPU with the same number of threads, a resumed run ends with the same bits as
@@ -107,7 +113,7 @@ def train_steps(
     return take_steps(
         trainee,
         lambda start: _batches(scenes, config, start),
-        lambda batch: _learn(trainee.model, batch, config),
+        lambda batch: _learn(trainee.model, batch, config, teacher),
         lambda step: learning_rate_at(step, config),
         config,
         checkpoint_path,
@@ -200,9 +206,39 @@ def _tensors(batch: Batch, device: str) -> tuple[Tensor, Tensor, Tensor, Tensor,
     return satellite, satellite_valid, thermal, valid, corners
 
 
-def _learn(model: XcorrModel, batch: Batch, config: TrainingConfig) -> Lesson:
+def reduced_teacher(teacher: XcorrModel, scenes: SceneSet, config: TrainingConfig) -> XcorrModel:
+    """Return a teacher with as many feature channels as the network in training has.
+
+    Which of them matter is seen on batches that training never draws.
+    """
+    channels = config.architecture.feature_channels
+    teacher = teacher.eval().to(config.device)
+    if teacher.architecture.feature_channels == channels:
+        return teacher
+    dataset = SampleDataset(
+        scenes,
+        config.samples,
+        seed=config.seed + _REDUCTION_SEED_OFFSET,
+        batches=_REDUCTION_BATCHES,
+    )
+    batches = (_tensors(dataset[index], config.device) for index in range(_REDUCTION_BATCHES))
+    return reduce_channels(teacher, batches, channels).eval().to(config.device)
+
+
+def _learn(
+    model: XcorrModel, batch: Batch, config: TrainingConfig, teacher: XcorrModel | None = None
+) -> Lesson:
     tensors = _tensors(batch, config.device)
     device_type = torch.device(config.device).type
+    if teacher is not None:
+        with torch.autocast(device_type, torch.bfloat16, enabled=config.bfloat16):
+            with torch.no_grad():
+                shown = encode_batch(teacher, *tensors[:4])
+            loss, _ = distillation_loss(encode_batch(model, *tensors[:4]), shown)
+        with torch.no_grad():
+            scores = search_scores(model, *tensors[:4])
+        error = search_loss(scores, tensors[4], CANVAS_PX)[1]
+        return Lesson(loss, error.flatten().cpu().numpy())
     with torch.autocast(device_type, torch.bfloat16, enabled=config.bfloat16):
         scores = search_scores(model, *tensors[:4])
     loss, error = search_loss(scores, tensors[4], CANVAS_PX)

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 
 from uasthn_cli.training.export import OutputPaths, TrainingStory, export
-from uasthn_cli.training.loop import Progress, Validation, train_steps, validate
+from uasthn_cli.training.loop import Progress, Validation, reduced_teacher, train_steps, validate
 from uasthn_cli.training.scenes import RenderedShares, load_scenes
 from uasthn_cli.training.trainee import (
     Trainee,
@@ -26,7 +26,7 @@ class TrainingJob:
 
     ``images`` are glob patterns with weights; ``licence_note`` and ``command_line`` go into the
     model card as they are. With ``initial_weights`` the network starts from that file and has its
-    architecture.
+    architecture; with a ``teacher`` it learns that network's features and not the search.
     """
 
     out: Path
@@ -38,6 +38,7 @@ class TrainingJob:
     licence_note: str | None = None
     command_line: str | None = None
     initial_weights: Path | None = None
+    teacher: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,9 +116,10 @@ class TrainingRun(ResumableRun):
                 job, config=replace(job.config, architecture=self._initial.model.architecture)
             )
         self._job = job
+        self._teacher = None if job.teacher is None else read_initial_weights(job.teacher)
         self._scenes = load_scenes(job.images, job.rendered)
         data = self._scenes.fingerprint()
-        trainee = open_trainee(job.config, paths.checkpoint, data, self._initial)
+        trainee = open_trainee(job.config, paths.checkpoint, data, self._initial, self._teacher)
         super().__init__(paths, trainee, job.validate_every)
 
     def export(self) -> Validation:
@@ -137,13 +139,16 @@ class TrainingRun(ResumableRun):
             licence_note=self._job.licence_note,
             command_line=self._job.command_line,
             initial=self._initial,
+            teacher=self._teacher,
         )
         export(self.paths, self._trainee.model, story)
         return validation
 
     def _steps(self, on_step: Callable[[int], None]) -> Iterator[Progress]:
-        path = self.paths.checkpoint
-        return train_steps(self._trainee, self._scenes, self._job.config, path, on_step)
+        path, config, teacher = self.paths.checkpoint, self._job.config, None
+        if self._teacher is not None:
+            teacher = reduced_teacher(self._teacher.model, self._scenes, config)
+        return train_steps(self._trainee, self._scenes, config, path, on_step, teacher)
 
     def _validate(self) -> Validation:
         return validate(self._trainee.model, self._scenes, self._job.config)

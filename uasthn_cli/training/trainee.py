@@ -92,10 +92,12 @@ def open_trainee(
     checkpoint_path: Path,
     data: str,
     initial: InitialWeights | None = None,
+    teacher: InitialWeights | None = None,
 ) -> Trainee[XcorrModel]:
     """Return the model in the checkpoint, or a new one with random or ``initial`` weights.
 
-    ``data`` is the scenes' fingerprint; ``initial`` has the architecture of ``config``.
+    ``data`` is the scenes' fingerprint; ``initial`` has the architecture of ``config``. A network
+    that learns from a ``teacher`` starts with its temperature.
 
     Raises:
         TrainingDataError: the checkpoint belongs to another run.
@@ -105,13 +107,22 @@ def open_trainee(
     model = XcorrModel(config.architecture)
     if initial is not None:
         model.load_state_dict(initial.model.state_dict())
+    elif teacher is not None:
+        model.log_temperature.data.copy_(teacher.model.log_temperature.data)
     model.to(config.device)
     use_fast_layout(model)
     optimiser = torch.optim.AdamW(
         model.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
     )
     begun_from = initial.sha256 if initial is not None else ""
-    settings = {**asdict(config), "data": data, "initial": begun_from, "changes": []}
+    learns_from = teacher.sha256 if teacher is not None else ""
+    settings = {
+        **asdict(config),
+        "data": data,
+        "initial": begun_from,
+        "teacher": learns_from,
+        "changes": [],
+    }
     trainee = Trainee(model, optimiser, 0, settings)
     if checkpoint_path.exists():
         resume(trainee, checkpoint_path)
