@@ -157,6 +157,8 @@ def train(
     """
     context = click.get_current_context()
     if network != XCORR.name:
+        if teacher is not None:
+            raise click.UsageError("--teacher is for xcorr, not for --network dhn, ihn or sthn")
         train_displacement(context, asked, camera)
         return
     refuse_displacement_options(context)
