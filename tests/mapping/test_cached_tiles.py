@@ -32,6 +32,14 @@ class Encoder:
         return np.asarray(np.moveaxis(blocks.mean(axis=(1, 3)), -1, 0))
 
 
+RECOGNISED = {"whole": True}
+
+
+@pytest.fixture(params=[True, False], ids=["map known whole", "window by window"], autouse=True)
+def _recognised(request: pytest.FixtureRequest) -> None:
+    RECOGNISED["whole"] = request.param
+
+
 def features_of(path: Path, frame: LocalFrame, encoder: Encoder, store: FeatureStore) -> Any:
     """Return the features of a map's first tiles, as a new run would have them."""
     with MapReader(path, frame, 2.0) as reader:
@@ -41,7 +49,9 @@ def features_of(path: Path, frame: LocalFrame, encoder: Encoder, store: FeatureS
             stride_px=2,
             halo_px=4,
             tile_px=32,
-            cache=EncodingCache(store, encoder),
+            cache=EncodingCache(
+                store, encoder, reader.grid, reader.content_id if RECOGNISED["whole"] else None
+            ),
         )
         return tiles.read(BOX)
 
@@ -157,3 +167,28 @@ def test_a_folder_that_cannot_be_made_costs_one_warning(
     assert encoder.encoded > 1
     assert features.valid.any()
     assert len([record for record in caplog.records if "not kept" in record.message]) == 1
+
+
+def test_a_known_map_is_not_read_again_where_it_shows_something_or_nothing(
+    tmp_path: Path, write_map: Any, frame: LocalFrame
+) -> None:
+    path, store = write_map(noise()), FeatureStore(tmp_path / "cache")
+    box = GridBox(-96, -64, 192, 128)
+    seen = []
+    for reads in (True, False):
+        with MapReader(path, frame, 2.0) as reader:
+
+            def read(window: GridBox, reader: MapReader = reader, reads: bool = reads) -> MapWindow:
+                assert reads, "the map was read"
+                return reader.read(window)
+
+            cache = EncodingCache(store, Encoder(), reader.grid, reader.content_id)
+            assert cache.map_id is not None
+            tiles = FeatureTiles(
+                read, Encoder().encode_map, stride_px=2, halo_px=4, tile_px=32, cache=cache
+            )
+            tiles.read(GridBox(0, 0, 32, 32))  # learns how many channels there are
+            seen.append(tiles.read(box))
+    assert not seen[0].valid.all()
+    np.testing.assert_array_equal(seen[0].values, seen[1].values)
+    np.testing.assert_array_equal(seen[0].valid, seen[1].valid)

@@ -8,7 +8,6 @@ from typing import Any, Final
 from uasthn_cli.commands.console import say
 from uasthn_cli.commands.flight_lines import flight_record
 from uasthn_cli.commands.geotag_steps import finish_run, geotag_journals, lines_of
-from uasthn_cli.matching.memory import keep_freed_memory
 from uasthn_cli.outputs.run_record import (
     RunRecord,
     RunTiming,
@@ -42,7 +41,6 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
     Raises:
         UasthnError: an input or the output cannot be used, or Ctrl-C (``RunInterruptedError``).
     """
-    keep_freed_memory()
     started_utc_s, started_s = time.time(), time.perf_counter()
     truth = None if target.truth_path is None else read_truth(target.truth_path)
     with open_run(job) as run:

@@ -175,12 +175,15 @@ class FeatureTiles:
             return self._tile_of_window(key)
         name = place_key(f"{cache.encoder.encoding_id} {self._cut} {cache.map_id} {key}")
         kept = cache.store.get(name)
-        if kept is not None:
-            self._channels = len(kept) - 1
-            return _Tile(kept[:-1], kept[-1] > 0, cache.grid)
+        is_empty = kept is not None and len(kept) == 1
+        if kept is not None and not (is_empty and self._channels is None):
+            self._channels = self._channels if is_empty else len(kept) - 1
+            return _Tile(None if is_empty else kept[:-1], kept[-1] > 0, cache.grid)
         tile = self._tile_of_window(key)
-        if tile.values is not None:
-            cache.store.put(name, np.concatenate([tile.values, tile.valid[None]], dtype=np.float16))
+        valid = tile.valid[None].astype(np.float16)
+        cache.store.put(
+            name, valid if tile.values is None else np.concatenate([tile.values, valid])
+        )
         return tile
 
     @property

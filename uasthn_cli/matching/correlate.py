@@ -95,7 +95,8 @@ def sliding_sums(
     rows, columns = planes.shape[-2] - height + 1, planes.shape[-1] - width + 1
     (step_y, size_y), (step_x, size_x) = _block(rows, height), _block(columns, width)
     size = (size_y, size_x)
-    conjugate = fft.rfft2(kernels, s=size)
+    # rows of zeros are not transformed one by one, nor rows of which nothing is kept
+    conjugate = fft.fft(fft.rfft(kernels, n=size_x), n=size_y, axis=-2, overwrite_x=True)
     np.conjugate(conjugate, out=conjugate)
     products = np.empty((len(kernels), len(pairs), *conjugate.shape[-2:]), np.complex64)
     sums = np.empty((len(kernels), len(pairs), rows, columns), np.float32)
@@ -104,7 +105,8 @@ def sliding_sums(
         for k, (of_planes, of_kernels) in enumerate(pairs):
             _multiply(spectrum[of_planes], conjugate[:, of_kernels], products[:, k])
         into = sums[..., y : y + step_y, x : x + step_x]
-        into[...] = fft.irfft2(products, s=size)[..., : into.shape[-2], : into.shape[-1]]
+        kept = fft.ifft(products, axis=-2, overwrite_x=True)[..., : into.shape[-2], :]
+        into[...] = fft.irfft(kept, n=size_x, overwrite_x=True)[..., : into.shape[-1]]
     return sums
 
 

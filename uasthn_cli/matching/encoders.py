@@ -1,6 +1,7 @@
 """The two encoders of the learned cross-correlation, whatever runs them."""
 
 import hashlib
+from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
@@ -9,6 +10,9 @@ import numpy as np
 from uasthn_cli.matching.encoder_input import satellite_input, thermal_input
 from uasthn_cli.matching.weights import XcorrWeights, read_xcorr, weights_misfit
 from uasthn_cli.types import BoolArray, ImageArray, MapStatistics
+
+_KEPT = 4
+"""Networks that a process keeps ready."""
 
 
 class Encoders(Protocol):
@@ -82,6 +86,8 @@ class OnnxEncoders:
 def open_encoders(path: Path, device: str) -> Encoders:
     """Return the encoders of a weights file on ``cpu`` or ``cuda``.
 
+    Those that look at one file from several scales share them: they hold no state.
+
     Raises:
         WeightsError: the file cannot be used.
     """
@@ -91,9 +97,18 @@ def open_encoders(path: Path, device: str) -> Encoders:
         from uasthn_cli.matching.torch_weights import load_xcorr  # noqa: PLC0415
 
         return TorchEncoders(load_xcorr(path).model, device)
-    weights = read_xcorr(path)
     try:
-        return OnnxEncoders(weights)
+        content = path.read_bytes()
+    except OSError:
+        content = b""
+    return _onnx_encoders(path, hashlib.sha256(content).hexdigest())
+
+
+@lru_cache(maxsize=_KEPT)
+def _onnx_encoders(path: Path, _: str) -> OnnxEncoders:
+    """Return encoders by file and content."""
+    try:
+        return OnnxEncoders(read_xcorr(path))
     except (KeyError, IndexError, ValueError) as error:
         raise weights_misfit(path) from error
 
