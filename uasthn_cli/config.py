@@ -223,8 +223,8 @@ MAX_TILT_DEG = 30.0
 MAX_CACHE_BYTES = 2 * 2**30
 """How large the folder of map features on disk may become; the least recently used go first."""
 
-MAX_HASHED_MAP_BYTES = 512 * 2**20
-"""Larger maps are recognised window by window, not as a whole: the rest is never read."""
+MAX_HASHED_BYTES = 512 * 2**20
+"""Larger files, maps as a rule, are never read as a whole, not even to tell one from another."""
 
 MAX_TILE_BYTES = 256 * 2**20
 """How much of the map's features a search keeps in memory, unless one frame needs more."""

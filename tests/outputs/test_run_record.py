@@ -13,6 +13,7 @@ from uasthn_cli.config import CropTtaConfig, GeotagConfig
 from uasthn_cli.outputs import run_record
 from uasthn_cli.outputs.run_record import (
     counts,
+    file_identity,
     file_sha256,
     fingerprint_of,
     frames_sha256,
@@ -158,3 +159,21 @@ def test_peak_memory_is_that_of_this_process() -> None:
     peak_mib = peak_memory_mib()
     assert block.nbytes == 40 * 1024 * 1024
     assert peak_mib is None or 40.0 < peak_mib < 1e6
+
+
+def test_a_very_large_file_is_told_from_others_by_samples(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "map.tif"
+    path.write_bytes(b"abc" * 1000)
+    assert file_identity(path) == {"sha256": file_sha256(path)}
+    monkeypatch.setattr(run_record, "MAX_HASHED_BYTES", 100)
+    monkeypatch.setattr(run_record, "_SAMPLE_BYTES", 40)
+    first = file_identity(path)
+    assert first["sha256"] is None
+    assert first["size_bytes"] == 3000
+    content = bytearray(path.read_bytes())
+    content[-1] = 0
+    path.write_bytes(content)
+    assert file_identity(path)["sampled_sha256"] != first["sampled_sha256"]
+    assert file_identity(tmp_path / "missing") == {"sha256": None}

@@ -11,7 +11,7 @@ from uasthn_cli.commands.geotag_steps import finish_run, geotag_journals, lines_
 from uasthn_cli.outputs.run_record import (
     RunRecord,
     RunTiming,
-    file_sha256,
+    file_identity,
     fingerprint_of,
     frames_sha256,
 )
@@ -98,8 +98,8 @@ def _weights_paths(job: GeotagJob) -> dict[str, Path]:
 
 
 def _file(path: Path) -> dict[str, Any]:
-    """Return a file's path and SHA-256."""
-    return {"path": path, "sha256": file_sha256(path)}
+    """Return a file's path and what tells it from others."""
+    return {"path": path, **file_identity(path)}
 
 
 def _arguments(job: GeotagJob, target: Target) -> dict[str, Any]:

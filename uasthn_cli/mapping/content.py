@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import rasterio
 
-from uasthn_cli.config import MAX_HASHED_MAP_BYTES
+from uasthn_cli.config import MAX_HASHED_BYTES
 
 _DRIVERS_OF_PIXELS = frozenset({"GTiff", "COG", "PNG", "JPEG", "BMP", "GPKG", "JP2OpenJPEG"})
 """Formats whose pixels lie in the files that GDAL lists; a virtual raster's may lie anywhere."""
@@ -20,7 +20,7 @@ def content_sha256(dataset: rasterio.DatasetReader) -> str | None:
     if dataset.driver not in _DRIVERS_OF_PIXELS or not files:
         return None
     try:
-        if sum(file.stat().st_size for file in files) > MAX_HASHED_MAP_BYTES:
+        if sum(file.stat().st_size for file in files) > MAX_HASHED_BYTES:
             return None
         hashed = hashlib.sha256(_code_sha256().encode())
         for file in files:

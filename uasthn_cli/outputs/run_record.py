@@ -13,11 +13,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from uasthn_cli.config import MAX_HASHED_BYTES
 from uasthn_cli.outputs.formatting import iso_utc, safe_text
 from uasthn_cli.types import Fix, FrameFile, FrameResult
 from uasthn_cli.version import code_version
 
 _MIB: Final = 1024.0 * 1024.0
+_SAMPLES: Final = 64
+_SAMPLE_BYTES: Final = 2**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +104,35 @@ def file_sha256(path: Path | str) -> str | None:
             return hashlib.file_digest(handle, "sha256").hexdigest()
     except OSError:
         return None
+
+
+def file_identity(path: Path) -> dict[str, Any]:
+    """Return what tells a file from others: its SHA-256, or that of samples of a very large one.
+
+    Of a large file also size and time of change are told, so that any ordinary change shows.
+    """
+    try:
+        status = path.stat()
+        if not path.is_file() or status.st_size <= MAX_HASHED_BYTES:
+            return {"sha256": file_sha256(path)}
+        return {
+            "sha256": None,
+            "sampled_sha256": _sampled_sha256(path, status.st_size),
+            "size_bytes": status.st_size,
+            "modified_utc": iso_utc(status.st_mtime),
+        }
+    except OSError:
+        return {"sha256": None}
+
+
+def _sampled_sha256(path: Path, size_bytes: int) -> str:
+    """Return the SHA-256 of pieces spread evenly over a file, the first and last among them."""
+    digest = hashlib.sha256()
+    with path.open("rb") as handle:
+        for start in np.linspace(0, size_bytes - _SAMPLE_BYTES, _SAMPLES).astype(np.int64):
+            handle.seek(int(start))
+            digest.update(handle.read(_SAMPLE_BYTES))
+    return digest.hexdigest()
 
 
 def frames_sha256(frames: Iterable[FrameFile]) -> str:
