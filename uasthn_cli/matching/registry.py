@@ -29,7 +29,7 @@ def _open_xcorr(opening: Opening) -> "Estimator":
         opening.device,
         opening.symmetries,
         ensemble=opening.ensemble,
-        appearance=opening.appearance,
+        second_scale=opening.second_scale,
     )
     return estimator
 
@@ -154,7 +154,7 @@ def open_estimator(
     device: str = "auto",
     symmetries: int = DEFAULT_SYMMETRIES,
     ensemble: bool = False,
-    appearance: bool = True,
+    second_scale: bool = False,
     ue_iterations: int | None = None,
 ) -> "Estimator":
     """Return an estimator ready for use; the arguments are those of :class:`.spec.Opening`.
@@ -167,7 +167,9 @@ def open_estimator(
         ValueError: no estimator has that name.
     """
     spec = spec_of(name)
-    opening = Opening(name, tuple(weights), device, symmetries, ensemble, appearance, ue_iterations)
+    opening = Opening(
+        name, tuple(weights), device, symmetries, ensemble, second_scale, ue_iterations
+    )
     _require_fit(spec, opening)
     return spec.open(opening)
 

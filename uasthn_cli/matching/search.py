@@ -50,15 +50,18 @@ def best_shift(scores: FloatArray, otherwise: FloatArray | None = None) -> Float
     )
 
 
-def within_reach(shape: tuple[int, int], prior_shift: FloatArray) -> BoolArray:
+def within_reach(
+    shape: tuple[int, int], prior_shift: FloatArray, largest: float = math.inf
+) -> BoolArray:
     """Return which of ``(rows, columns)`` shifts lie in the largest disk around the prior's.
 
-    ``prior_shift`` ``(x, y)`` is the shift that the prior implies. A window is snapped outward to
+    ``prior_shift`` ``(x, y)`` is the shift that the prior implies; the radius is ``largest`` shifts
+    at most. A window is snapped outward to
     whole tiles and has corners: without this, wrong answers lie in wait beyond the search radius.
     """
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     last = np.array([shape[1], shape[0]]) - 1.0
-    radius = float(np.minimum(prior_shift, last - prior_shift).min())
+    radius = min(float(np.minimum(prior_shift, last - prior_shift).min()), largest)
     near: BoolArray = np.hypot(columns - prior_shift[0], rows - prior_shift[1]) <= radius
     return near
 

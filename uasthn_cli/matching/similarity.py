@@ -15,6 +15,7 @@ from uasthn_cli.seam import Similarity
 from uasthn_cli.types import FloatArray, ImageArray
 
 _WHOLE = 0.999
+_AT_ONCE = 4
 _NEIGHBOURHOOD = (3, 3)
 """Interpolation smooths, and smooth features correlate better: this levels the ground."""
 
@@ -28,18 +29,17 @@ def turned_features(
     """
     height, width = mask.shape
     smooth = [cv2.blur(plane, _NEIGHBOURHOOD, borderType=cv2.BORDER_CONSTANT) for plane in features]
-    shape = (len(hypotheses), len(features) + 1, height, width)
-    turned = np.empty(shape, np.float32)
+    planes = [*smooth, mask]
+    # OpenCV turns four planes at once in hardly more time than one
+    stacks = [np.dstack(planes[k : k + _AT_ONCE]) for k in range(0, len(planes), _AT_ONCE)]
+    turned = np.empty((len(hypotheses), len(planes), height, width), np.float32)
+    flags = cv2.WARP_INVERSE_MAP | cv2.INTER_LINEAR
     for result, hypothesis in zip(turned, hypotheses, strict=True):
         source = _source(hypothesis, width, height)
-        for plane, into in zip([*smooth, mask], result, strict=True):
-            cv2.warpAffine(
-                plane,
-                source,
-                (width, height),
-                dst=into,
-                flags=cv2.WARP_INVERSE_MAP | cv2.INTER_LINEAR,
-            )
+        for k, stack in enumerate(stacks):
+            warped = cv2.warpAffine(stack, source, (width, height), flags=flags)
+            warped = warped.reshape(height, width, -1).transpose(2, 0, 1)
+            result[k * _AT_ONCE : k * _AT_ONCE + len(warped)] = warped
     return turned[:, :-1], (turned[:, -1] > _WHOLE).astype(np.float32)
 
 

@@ -32,7 +32,8 @@ class Opening:
 
     ``name`` is as the user gave it, with the parameter of a ``NAME:PARAMETER``. ``weights`` are
     files of the user's: several only for one that averages. ``device`` is ``auto``, ``cpu`` or
-    ``cuda``. Without ``appearance`` nothing counts but learned features.
+    ``cuda``. ``second_scale`` opens what looks at the second GSD of
+    :attr:`EstimatorSpec.second_scale`.
     """
 
     name: str
@@ -40,7 +41,7 @@ class Opening:
     device: str = "auto"
     symmetries: int = DEFAULT_SYMMETRIES
     ensemble: bool = False
-    appearance: bool = True
+    second_scale: bool = False
     ue_iterations: int | None = None
 
 

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,12 +52,21 @@ from uasthn_cli.types import (
     Ortho,
 )
 
+_POOLING_OF_SECOND_SCALE = 2
+"""The second GSD is half of the first: its cells, pooled, are as far apart as the first's."""
+
+_FIT_REACH_CELLS = 4.0
+"""How far from its place, about known, a turned and scaled frame is sought."""
+
+_SHARPNESS_OF_POOLED = 1.3
+"""Pooled features correlate better everywhere, also where they should not. Chosen on rendered
+flights (seeds 1004 to 1014 of docs/calibration.md) by the mean log posterior at the true place."""
+
 
 class XcorrEstimator:
     """Searches map features for thermal features; see :class:`uasthn_cli.seam.Estimator`."""
 
     name = "xcorr"
-    stride_px = STRIDE_PX
     halo_px = HALO_PX
 
     def __init__(
@@ -65,12 +75,17 @@ class XcorrEstimator:
         *,
         symmetries: int = DEFAULT_SYMMETRIES,
         appearance: bool = True,
+        pooling: int = 1,
     ) -> None:
         """Use one trained network, or several whose scores are averaged.
 
         ``symmetries`` (1 to 8) are shared out among the members, at least one to each. Without
-        ``appearance`` brightness and gradient have no say.
+        ``appearance`` brightness and gradient have no say. ``pooling`` cells each way are averaged
+        into one before they are compared: what is seen at a finer GSD tells places apart as well on
+        a lattice of twice the pitch, at a quarter of the cost.
         """
+        self._pooling, self.stride_px = pooling, STRIDE_PX * pooling
+        self._sharpness = 1.0 if pooling == 1 else _SHARPNESS_OF_POOLED
         self._members = list(encoders) if isinstance(encoders, Sequence) else [encoders]
         self._symmetries = max(1, symmetries // len(self._members))
         self._appearance = appearance
@@ -79,7 +94,7 @@ class XcorrEstimator:
     def encoding_id(self) -> str:
         """What shapes features beside the window; see :class:`uasthn_cli.seam.CacheableEncoder`."""
         networks = "+".join(member.identity for member in self._members)
-        settings = (self.name, self._symmetries, self._appearance)
+        settings = (self.name, self._symmetries, self._appearance, self._pooling)
         return f"{settings} {networks} {code_sha256()}"
 
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
@@ -92,9 +107,11 @@ class XcorrEstimator:
         for member in self._members:
             encode = partial(_satellite, member, window.statistics)
             layers.append(encode_symmetric(encode, rgb, window.valid, self._symmetries))
+        features = self._pooled(np.concatenate(layers), window.valid)
         if self._appearance:
-            layers.append(appearance_cells(luma(window.image), window.valid, STRIDE_PX))
-        return np.concatenate(layers) * cell_mask(window.valid, STRIDE_PX)
+            seen = appearance_cells(luma(window.image), window.valid, self.stride_px)
+            features = np.concatenate([features, seen])
+        return features * cell_mask(window.valid, self.stride_px)
 
     def estimate(
         self,
@@ -108,9 +125,10 @@ class XcorrEstimator:
 
         Only the first view is scored everywhere; the others where it found something.
         """
-        masks = view_masks(views_px, cell_mask(thermal.valid, STRIDE_PX), STRIDE_PX)
+        stride_px = self.stride_px
+        masks = view_masks(views_px, cell_mask(thermal.valid, stride_px), stride_px)
         search = self._search(features, thermal)
-        prior_shift = origin_px / STRIDE_PX
+        prior_shift = origin_px / stride_px
         reachable = within_reach(search.shape, prior_shift)
         if evidence is None:
             evidence = np.zeros(search.shape)
@@ -124,8 +142,8 @@ class XcorrEstimator:
                 scores = search.scores(masks[1:], box) + evidence[box]
                 found.take(np.where(reachable[box], scores, -np.inf), box)
             shifts.extend(found.shifts)
-        corners = views_px + np.stack(shifts)[:, None] * STRIDE_PX
-        confidence = posterior_mass(whole, shifts[0], STRIDE_PX * thermal.gsd_m)
+        corners = views_px + np.stack(shifts)[:, None] * stride_px
+        confidence = posterior_mass(whole, shifts[0], stride_px * thermal.gsd_m)
         return Estimate(corners, confidence, whole)
 
     def fit_scores(
@@ -139,12 +157,12 @@ class XcorrEstimator:
 
         One orientation is enough here: the place is known.
         """
-        cells = cell_mask(thermal.valid, STRIDE_PX).astype(np.float32)
-        near = within_reach(_shifts(features, cells), origin_px / STRIDE_PX)
+        cells = cell_mask(thermal.valid, self.stride_px).astype(np.float32)
+        near = within_reach(_shifts(features, cells), origin_px / self.stride_px, _FIT_REACH_CELLS)
         box = _box_around(near)
         scores = []
         for member, window in self._windows(features):
-            encoded = member.thermal(thermal.image, thermal.valid)
+            encoded = self._pooled(member.thermal(thermal.image, thermal.valid), thermal.valid)
             turned, masks = turned_features(encoded, cells, hypotheses)
             templates = _templates(turned, masks)
             first = window[: member.channels]
@@ -161,13 +179,23 @@ class XcorrEstimator:
             encoded = encode_symmetric(
                 member.thermal, thermal.image, thermal.valid, self._symmetries
             )
-            frames.append(_Encoded(window, encoded, member.temperature))
+            pooled = self._pooled(encoded, thermal.valid)
+            frames.append(_Encoded(window, pooled, member.temperature * self._sharpness))
         levelled = cells = None
         if self._appearance:
             own = features.values[-len(CHANNELS) :].astype(np.float32)
             levelled = levelled_window(own, features.valid)
-            cells = appearance_cells(thermal.image, thermal.valid, STRIDE_PX)
+            cells = appearance_cells(thermal.image, thermal.valid, self.stride_px)
         return _Search(frames, features.valid, levelled, cells)
+
+    def _pooled(self, features: ImageArray, valid: BoolArray) -> ImageArray:
+        """Return features averaged over ``pooling`` cells each way, those beyond ``valid`` as 0."""
+        if self._pooling == 1:
+            return features
+        inside = features * cell_mask(valid, STRIDE_PX)
+        size = (inside.shape[2] // self._pooling, inside.shape[1] // self._pooling)
+        planes = [cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in inside]
+        return np.stack(planes)
 
     def _windows(self, features: MapFeatures) -> Iterator[tuple[Encoders, ImageArray]]:
         """Yield each member with its map features ``(channels, h, w)``."""
@@ -251,12 +279,12 @@ def open_xcorr(
     symmetries: int,
     *,
     ensemble: bool = False,
-    appearance: bool = True,
+    second_scale: bool = False,
 ) -> XcorrEstimator:
     """Return the estimator with a user's own weights, or those in the box, on ``auto|cpu|cuda``.
 
-    The scores of several are averaged; ``ensemble`` averages all members in the box; ``appearance``
-    as in :class:`XcorrEstimator`.
+    The scores of several are averaged; ``ensemble`` averages all members in the box. What looks at
+    the second scale sees learned features alone, on the lattice of the first.
 
     Raises:
         WeightsError: the weights cannot be used, or an ensemble of a user's own was asked for.
@@ -267,7 +295,12 @@ def open_xcorr(
     paths = in_the_box if ensemble else (weights or in_the_box[:1])
     chosen = choose_device(device)
     encoders = [open_encoders(path, chosen) for path in paths]
-    return XcorrEstimator(encoders, symmetries=symmetries, appearance=appearance)
+    return XcorrEstimator(
+        encoders,
+        symmetries=symmetries,
+        appearance=not second_scale,
+        pooling=_POOLING_OF_SECOND_SCALE if second_scale else 1,
+    )
 
 
 def _satellite(

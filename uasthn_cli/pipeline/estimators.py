@@ -8,7 +8,7 @@ from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
 
 def open_base(
-    job: GeotagJob, symmetries: int | None = None, *, appearance: bool = True
+    job: GeotagJob, symmetries: int | None = None, *, second_scale: bool = False
 ) -> Estimator:
     """Load the estimator; on a second scale one orientation is enough.
 
@@ -24,7 +24,7 @@ def open_base(
         symmetries=symmetries or config.symmetries,
         ensemble=config.ensemble,
         ue_iterations=config.ue_iterations,
-        appearance=appearance,
+        second_scale=second_scale,
     )
 
 

@@ -198,7 +198,7 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         scale = None if estimator else job.spec.second_scale
         if scale is not None:
             second_map = stack.enter_context(MapReader(job.map_path, local, scale * wide_m))
-            again = open_base(job, symmetries=1, appearance=False)
+            again = open_base(job, symmetries=1, second_scale=True)
             second = _looker(job, second_map, again, local, timer)
         base = estimator or open_base(job)
         uncertainty = settled_uncertainty(job, base)
