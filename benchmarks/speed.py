@@ -1,119 +1,155 @@
-"""Frames per second and peak memory of ``uasthn geotag``, split by stage.
+"""What ``uasthn geotag`` takes: CPU, time and memory of whole processes, against an older version.
 
-    python benchmarks/speed.py FLIGHT_DIR --hfov 45 --search-radius M
+    python benchmarks/speed.py FLIGHT_DIR… --hfov 45 --search-radius M
+        [--before "PYTHON -m uasthn_cli" --before-path CHECKOUT] [--only ROWS] [--repeat N]
 
-A flight is a folder with ``flight.tlog``, ``frames/`` and ``map.tif``. It is geo-tagged with the
-default estimator, frame by frame and as a whole flight, and with absolute NCC frame by frame, each
-in a fresh process, so that each has its own peak.
+A flight is a folder with ``flight.tlog``, ``frames/`` and ``map.tif``. Rows that are compared take
+turns, so that a machine that is busy for a while is so for all of them.
 """
 
-import json
-import multiprocessing
-import os
+import shlex
+import sys
 import tempfile
-import time
-from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
-from tables import machine_line, markdown_table, number, use_threads
+from speed_cases import GROUPS, Plan, batches, installed, older
+from speed_figures import Figures, measure
+from speed_inputs import flight_of
+from speed_tables import as_csv, as_markdown
 
-from uasthn_cli.commands.geotag_run import Target, geotag_to_folder
-from uasthn_cli.config import GeotagConfig
-from uasthn_cli.ingest.cameras import CameraSpec
-from uasthn_cli.outputs.run_record import peak_memory_mib
-from uasthn_cli.pipeline import GeotagJob
-
-STAGES = (
-    *("log", "decode", "rectify", "map", "features", "search", "fuse", "write", "other"),
-    "all",
-)
-"""With fusion, decode to search count all looks at a frame, fuse what the flight itself takes."""
-
-UNIT = "ncc --no-fuse"
-"""The run in whose search times are counted."""
+from uasthn_cli.outputs.atomic import write_text
 
 
-@dataclass(frozen=True, slots=True)
-class Measurement:
-    """One run in a process of its own; ``stage_s`` are whole-flight seconds by stage."""
+class Numbers(click.ParamType["tuple[float, ...]"]):
+    """Numbers above 0 with commas between them."""
 
-    frames: int
-    stage_s: Mapping[str, float]
-    peak_mib: float | None
+    name = "N,N…"
 
-
-def measure(job: GeotagJob, threads: int) -> Measurement:
-    """Geo-tag a flight into a folder that is thrown away; for a process of its own."""
-    use_threads(threads)
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "out"
-        started_s = time.perf_counter()
-        results = geotag_to_folder(job, Target(out))
-        wall_s = time.perf_counter() - started_s
-        timing = json.loads((out / "run.json").read_text(encoding="utf-8"))["timing"]
-    stage_s = {name: float(entry["seconds"]) for name, entry in timing["stages"].items()}
-    stage_s["write"] += wall_s - timing["wall_s"]
-    stage_s["other"] = wall_s - sum(stage_s.values())
-    stage_s["all"] = wall_s
-    return Measurement(len(results), stage_s, peak_memory_mib())
-
-
-def as_markdown(title: str, runs: Mapping[str, Measurement], threads: int) -> str:
-    """Return the table: milliseconds a frame and the ratio to NCC's search, per stage and run."""
-    unit_s = runs[UNIT].stage_s["search"] / runs[UNIT].frames
-    columns = ["stage"]
-    for name in runs:
-        columns += [f"{name} ms/frame", "× ncc search"]
-    rows = []
-    for stage in STAGES:
-        cells = [stage]
-        for run in runs.values():
-            seconds = run.stage_s.get(stage, 0.0) / run.frames
-            cells += [number(1000 * seconds, 1), number(seconds / unit_s, 2)]
-        rows.append(cells)
-    lines = [
-        f"{name}: {run.frames / run.stage_s['all']:.2f} frames/s,"
-        f" peak memory {number(run.peak_mib, 0)} MiB"
-        for name, run in runs.items()
-    ]
-    listed = "\n".join(f"- {line}" for line in lines)
-    return "\n\n".join([title, markdown_table(columns, rows), listed, machine_line(threads)]) + "\n"
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Return the numbers."""
+        try:
+            numbers = tuple(float(part) for part in str(value).split(","))
+        except ValueError:
+            numbers = ()
+        if not numbers or min(numbers) <= 0:
+            self.fail(f"{value}: give numbers above 0 with commas between them", param, ctx)
+        return numbers
 
 
 @click.command()
-@click.argument("flight", type=click.Path(exists=True, path_type=Path))
-@click.option("--hfov", type=float, required=True, metavar="DEG", help="Field of view.")
-@click.option("--search-radius", "radius_m", type=float, required=True, metavar="M")
-@click.option("--threads", type=int, default=os.cpu_count() or 1, show_default=True)
-def main(flight: Path, hfov: float, radius_m: float, threads: int) -> None:
-    """Measure the speed and memory of geo-tagging a flight on the CPU."""
-    config = GeotagConfig(search_radius_m=radius_m, device="cpu")
-    job = GeotagJob(
-        log_path=flight / "flight.tlog",
-        frames_path=flight / "frames",
-        map_path=flight / "map.tif",
-        camera=CameraSpec(hfov_deg=hfov),
-        config=config,
+@click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.option("--hfov", "hfovs_deg", type=float, multiple=True, required=True, metavar="DEG")
+@click.option(
+    "--search-radius",
+    "radii_m",
+    type=float,
+    multiple=True,
+    required=True,
+    metavar="M",
+    help="Like --hfov once for all flights, or once for each.",
+)
+@click.option(
+    "--only",
+    type=click.Choice(GROUPS),
+    multiple=True,
+    default=GROUPS,
+    help="Which rows; several times.  [default: all]",
+)
+@click.option("--repeat", "repeats", type=click.IntRange(min=1), default=3, show_default=True)
+@click.option("--before", help="How an older version starts: an executable, or PYTHON -m MODULE.")
+@click.option(
+    "--before-path",
+    type=click.Path(exists=True, path_type=Path),
+    help="Where Python finds the older version's module.  [default: where it is installed]",
+)
+@click.option("--before-threads", type=click.IntRange(min=1), default=1, show_default=True)
+@click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Threads of the libraries in every other run; --jobs comes on top.",
+)
+@click.option("--geotag", "options", default="", help="Further options of every geotag run.")
+@click.option("--paper-frames", type=click.IntRange(min=2), default=4, show_default=True)
+@click.option("--reach", type=Numbers(), default="100,200,400,800,2000", show_default=True)
+@click.option("--flat-frames", type=Numbers(), default="100,1000,5000", show_default=True)
+@click.option(
+    "--flat-flights",
+    type=click.Path(path_type=Path),
+    help="Folder of these flights, named by their frames; those missing are rendered into it."
+    "  [default: a temporary one]",
+)
+@click.option("--map-gb", type=click.FloatRange(min=0, min_open=True), default=20.0)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("out/benchmarks"),
+    show_default=True,
+    help="Folder for speed.csv and speed.md.",
+)
+def main(
+    folders: tuple[Path, ...],
+    hfovs_deg: tuple[float, ...],
+    radii_m: tuple[float, ...],
+    only: tuple[str, ...],
+    repeats: int,
+    before: str | None,
+    before_path: Path | None,
+    before_threads: int,
+    threads: int,
+    options: str,
+    paper_frames: int,
+    reach: tuple[float, ...],
+    flat_frames: tuple[float, ...],
+    flat_flights: Path | None,
+    map_gb: float,
+    out: Path,
+) -> None:
+    """Measure what geo-tagging takes."""
+    each_deg, each_m = (
+        _each("--hfov", hfovs_deg, folders),
+        _each("--search-radius", radii_m, folders),
     )
-    runs = {
-        name: _in_new_process(replace(job, config=chosen), threads)
-        for name, chosen in {
-            f"{config.estimator} --no-fuse": replace(config, fuse=False),
-            f"{config.estimator} --fuse": replace(config, fuse=True),
-            UNIT: replace(config, estimator="ncc", fuse=False),
-        }.items()
-    }
-    title = f"**{flight.name}**: {runs[UNIT].frames} frames, search radius {radius_m:g} m"
-    click.echo(as_markdown(title, runs, threads), nl=False)
+    flights = [flight_of(*one) for one in zip(folders, each_deg, each_m, strict=True)]
+    found: list[Figures] = []
+    with tempfile.TemporaryDirectory() as temporary:
+        plan = Plan(
+            flights=flights,
+            groups=frozenset(only),
+            after=installed(threads),
+            before=None if before is None else older(before, before_path, before_threads),
+            folder=Path(temporary),
+            radii_m=reach,
+            flat_frames=[int(count) for count in flat_frames],
+            flat_folder=flat_flights and flat_flights.absolute(),
+            map_gigabytes=map_gb,
+            paper_frames=paper_frames,
+            options=tuple(shlex.split(options)),
+        )
+        for number, cases in enumerate(batches(plan)):
+            runs = plan.folder / f"runs-{number}"
+            found += measure(cases, repeats, runs, lambda line: click.echo(line, err=True))
+            _write(found, threads, out)
+    click.echo(as_markdown(found, threads), nl=False)
+    if any(figures.error for figures in found):
+        sys.exit(1)
 
 
-def _in_new_process(job: GeotagJob, threads: int) -> Measurement:
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max_workers=1, mp_context=context) as executor:
-        return executor.submit(measure, job, threads).result()
+def _write(found: list[Figures], threads: int, out: Path) -> None:
+    """Write what is known so far: a long measurement that is stopped leaves something behind."""
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / "speed.csv", as_csv(found))
+    write_text(out / "speed.md", as_markdown(found, threads))
+
+
+def _each(option: str, values: tuple[float, ...], folders: tuple[Path, ...]) -> tuple[float, ...]:
+    if len(values) not in {1, len(folders)}:
+        raise click.UsageError(f"give {option} once, or once for each flight")
+    return values * len(folders) if len(values) == 1 else values
 
 
 if __name__ == "__main__":
