@@ -139,6 +139,12 @@ class PluginError(UasthnError):
     exit_code = 29
 
 
+class WorkerLostError(UasthnError):
+    """A process that looked at frames was killed."""
+
+    exit_code = 30
+
+
 class RunInterruptedError(UasthnError):
     """Ctrl-C stopped a run that goes on when the same command is given again."""
 

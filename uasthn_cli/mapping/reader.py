@@ -2,6 +2,7 @@
 
 import logging
 import math
+import os
 import threading
 from functools import cached_property
 from pathlib import Path
@@ -68,7 +69,8 @@ class MapReader:
         full = open_source(path)
         full_gsd_m = full.place.gsd_m(_centre(frame))
         self.grid = MapGrid(full_gsd_m if gsd_m is None else gsd_m)
-        self._source = self._at_fitting_overview(full, full_gsd_m)
+        self._opened = self._at_fitting_overview(full, full_gsd_m)
+        self._opened_by = os.getpid()
         self._pixel_m = self._source.place.metres_per_pixel(_centre(frame))
         self._crs = CRS.from_wkt(frame.wkt())
 
@@ -88,6 +90,14 @@ class MapReader:
     def close(self) -> None:
         """Close the file."""
         self._source.dataset.close()
+
+    @property
+    def _source(self) -> MapSource:
+        """The open map, opened anew after a fork: processes must not share a file's position."""
+        if self._opened_by != os.getpid():
+            self._opened = open_source(self._path, self._level)
+            self._opened_by = os.getpid()
+        return self._opened
 
     @property
     def place(self) -> Georeference:
@@ -178,6 +188,7 @@ class MapReader:
                 self.grid.gsd_m / (factor * full_gsd_m),
                 self._path,
             )
+        self._level = level
         if level is None:
             return full
         full.dataset.close()

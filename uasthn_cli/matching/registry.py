@@ -82,7 +82,7 @@ XCORR: Final = EstimatorSpec(
     scores_shifts=True,
     is_trained_here=True,
     calibration=BUNDLED_CALIBRATION,
-    works_in_threads=True,
+    works_in_processes=True,
 )
 
 NCC: Final = EstimatorSpec(
@@ -90,7 +90,7 @@ NCC: Final = EstimatorSpec(
     open=_open_ncc,
     working_width_px=THERMAL_WIDTH_PX,
     scores_shifts=True,
-    works_in_threads=True,
+    works_in_processes=True,
 )
 
 VISMATCH: Final = EstimatorSpec(

@@ -65,8 +65,9 @@ class EstimatorSpec:
         may_have_head: Its network may state its own deviations (Direct Modeling).
         is_trained_here: ``uasthn train`` makes its weights.
         calibration: The file of trust made of its answers with its default weights.
-        works_in_threads: Several threads may ask it at once, each on one core; else a run asks it
-            about one frame at a time, and leaves the cores to its own threads.
+        works_in_processes: Several processes may each ask a copy of it, forked when it is loaded,
+            on one core; else a run asks it about one frame at a time, and leaves the cores to its
+            own threads.
         package: The package it comes from and that one's code; None: built in. Set when an entry
             point is read.
     """
@@ -85,7 +86,7 @@ class EstimatorSpec:
     may_have_head: bool = False
     is_trained_here: bool = False
     calibration: Path | None = None
-    works_in_threads: bool = False
+    works_in_processes: bool = False
     package: str | None = None
 
     @property

@@ -23,7 +23,6 @@ from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.pipeline.likelihoods import likelihood_of_look
 from uasthn_cli.pipeline.look import Looker, LookError, Scene
-from uasthn_cli.pipeline.parallel import in_order
 from uasthn_cli.seam import Aligner, Similarity
 from uasthn_cli.types import (
     Attitude,
@@ -99,10 +98,8 @@ class FlightStage:
         near: Looker,
         grid: OffsetGrid,
         rebuild_priors: RebuildPriors,
-        jobs: int = 1,
     ) -> None:
-        """Keep how the flight was searched and is looked at again, by how many at once."""
-        self._jobs = jobs
+        """Keep how the flight was searched and how it is looked at again."""
         self._wide, self._near, self._grid = wide, near, grid
         self._rebuild_priors = rebuild_priors
         self._reach_m = max(
@@ -205,7 +202,7 @@ class FlightStage:
         estimator = self._near.estimator
         if not isinstance(estimator, Aligner):
             return None
-        seen = in_order(self._scene, places, self._jobs)
+        seen = map(self._scene, places)
         scenes = [scene for scene in seen if scene is not None]
 
         def score(hypotheses: Sequence[Similarity]) -> FloatArray:
@@ -214,7 +211,7 @@ class FlightStage:
                     scene.features, scene.thermal, scene.origin_px, hypotheses
                 )
 
-            return np.stack(list(in_order(fit, scenes, self._jobs)))
+            return np.stack([fit(scene) for scene in scenes])
 
         return constants_of_views(score) if len(scenes) >= LEAST_FRAMES else None
 

@@ -90,7 +90,7 @@ def chosen_jobs(job: GeotagJob) -> int:
     Raises:
         ValueError: several are asked for, and the estimator looks at one at a time.
     """
-    if job.spec.works_in_threads:
+    if job.spec.works_in_processes:
         return usable_cores() if job.jobs is None else job.jobs
     if job.jobs is not None and job.jobs > 1:
         raise ValueError(

@@ -2,11 +2,14 @@
 
 import logging
 import math
-from collections.abc import Container, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+import os
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -40,7 +43,7 @@ from uasthn_cli.pipeline.fused_fixes import fused_results
 from uasthn_cli.pipeline.job import GeotagJob, chosen_calibration, chosen_jobs, chosen_uncertainty
 from uasthn_cli.pipeline.judge import Judge
 from uasthn_cli.pipeline.look import Looker
-from uasthn_cli.pipeline.parallel import in_order
+from uasthn_cli.pipeline.parallel import in_order, one_core_each
 from uasthn_cli.pipeline.timing import StageTimer
 from uasthn_cli.seam import CacheableEncoder, Estimator
 from uasthn_cli.types import (
@@ -54,6 +57,9 @@ from uasthn_cli.types import (
     Prior,
 )
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
+
+_T = TypeVar("_T")
+_R = TypeVar("_R")
 
 _FINER = 0.8
 """A grid for the second look must be this much finer than the search's to be worth having."""
@@ -83,15 +89,14 @@ class Run:
         """Wire the stages together; ``lookers`` see the wide search and what is near."""
         self.priors, self.map_crs, self._timer = priors, map_crs, timer
         self.camera, self.fuses, self._jobs = job.camera, job.config.fuse, chosen_jobs(job)
+        self._shares_out = job.spec.works_in_processes
         self._wide, self._near = lookers
         self.calibration = chosen_calibration(job)
         self._judge = Judge(job.config, self.calibration, map_pixel_m)
         self._map_pixel_m = map_pixel_m
         self._uncertainty = uncertainty
         self._stage = FrameStage(self._wide, self._judge, job.config, uncertainty)
-        self._flight = FlightStage(
-            self._wide, self._near, self._stage.offset_grid, rebuild, self._jobs
-        )
+        self._flight = FlightStage(self._wide, self._near, self._stage.offset_grid, rebuild)
 
     @property
     def names(self) -> list[str]:
@@ -106,7 +111,22 @@ class Run:
     def locate(self, skip: Container[str] = ()) -> Iterator[Located]:
         """Yield what each frame gives alone, in frame order, without those in ``skip``."""
         entries = (entry for entry in self.priors.results if entry.frame.name not in skip)
-        yield from in_order(self._located, entries, self._jobs)
+        yield from self._in_order(self._located, entries)
+
+    def _in_order(self, function: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[_R]:
+        """Yield ``function`` of each item, computed by several processes, whose time counts too."""
+
+        def timed(item: _T) -> tuple[_R, int, dict[str, float]]:
+            before_s = dict(self._timer.seconds)
+            result = function(item)
+            spent_s = {k: s - before_s.get(k, 0.0) for k, s in self._timer.seconds.items()}
+            return result, os.getpid(), spent_s
+
+        with one_core_each() if self._shares_out else nullcontext():
+            for result, process, spent_s in in_order(timed, items, self._jobs):
+                if process != os.getpid():
+                    self._timer.add(spent_s)
+                yield result
 
     def _located(self, entry: Prior | FrameFailure) -> Located:
         return self._stage.locate(entry) if isinstance(entry, Prior) else Located(entry, None)
@@ -121,7 +141,7 @@ class Run:
         indices = (
             index for index, frame in enumerate(survey.frames) if frame.prior.frame.name not in skip
         )
-        yield from in_order(partial(self._flight.look_again, survey), indices, self._jobs)
+        yield from self._in_order(partial(self._flight.look_again, survey), indices)
 
     def fuse(
         self, located: Iterable[Located], survey: Survey, near: Mapping[str, NearLook]
@@ -194,6 +214,10 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         wide_m, near_m = _choose_gsds_m(job, located, native_m)
         wide_map = stack.enter_context(MapReader(job.map_path, local, wide_m))
         wide_map.require_overlap(positions, job.config.search_radius_m)
+        if job.cache_dir is None and chosen_jobs(job) > 1:
+            # processes find there what another has made of the map
+            shared = stack.enter_context(TemporaryDirectory(prefix="uasthn-features-"))
+            job = replace(job, cache_dir=Path(shared))
         second = None
         scale = None if estimator else job.spec.second_scale
         if scale is not None:

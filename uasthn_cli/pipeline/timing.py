@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
@@ -45,6 +45,12 @@ class StageTimer:
                 self.seconds[name] = self.seconds.get(name, 0.0) + own
             if inner_s:
                 inner_s[-1] += elapsed
+
+    def add(self, seconds: Mapping[str, float]) -> None:
+        """Add what another process spent."""
+        with self._lock:
+            for name, spent_s in seconds.items():
+                self.seconds[name] = self.seconds.get(name, 0.0) + spent_s
 
     def timed(self, name: str, function: Callable[_P, _R]) -> Callable[_P, _R]:
         """Return ``function`` with every call counted towards ``name``."""
