@@ -205,8 +205,8 @@ class TrainingDefaults:
 THERMAL_WIDTH_PX = 96
 """Width of a frame's footprint on the map grid that the default GSD aims at."""
 
-NEAR_WIDTH_PX = 256
-"""The same for the second look near the place that the flight settled on."""
+REFINE_WIDTH_PX = 256
+"""The same for the refinement near the place that the flight settled on."""
 
 MAX_MAP_ENLARGEMENT = 2.0
 """How much finer than the map's own GSD the default may be."""

@@ -8,13 +8,13 @@ from frame_results import make_failure, make_fix, make_likelihood, make_prior
 
 from uasthn_cli.fusion.offsets import OffsetGrid, grid_of_radius
 from uasthn_cli.pipeline.flight_stage import FlightStage, flight_frames
-from uasthn_cli.pipeline.look import Looker
+from uasthn_cli.pipeline.frame_matcher import FrameMatcher
 from uasthn_cli.types import Located, Reason
 
 
 def near_grid(pitch_m: float, search: OffsetGrid) -> OffsetGrid:
-    looker = cast(Looker, SimpleNamespace(pitch_m=pitch_m))
-    return FlightStage(looker, looker, search, lambda _: {}).near_grid
+    matcher = cast(FrameMatcher, SimpleNamespace(pitch_m=pitch_m, local=None))
+    return FlightStage(matcher, matcher, search, lambda _: {}).near_grid
 
 
 @pytest.mark.parametrize(

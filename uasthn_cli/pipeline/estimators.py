@@ -28,8 +28,8 @@ def open_base(
     )
 
 
-def open_near(job: GeotagJob, base: Estimator) -> Estimator:
-    """Return who looks near a known place: one orientation is enough for that.
+def open_refine_estimator(job: GeotagJob, base: Estimator) -> Estimator:
+    """Return what refines near a known place: one orientation is enough for that.
 
     Raises:
         WeightsError: the weights cannot be used.

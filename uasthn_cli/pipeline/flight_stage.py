@@ -21,8 +21,8 @@ from uasthn_cli.fusion.forward_backward import smooth
 from uasthn_cli.fusion.offsets import OffsetGrid, best_offset_m
 from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.geodesy import LocalFrame
-from uasthn_cli.pipeline.likelihoods import likelihood_of_look
-from uasthn_cli.pipeline.look import Looker, LookError, Scene
+from uasthn_cli.pipeline.frame_matcher import FrameMatcher, Scene, UnmatchableFrameError
+from uasthn_cli.pipeline.likelihoods import likelihood_of_match
 from uasthn_cli.pipeline.parallel import in_order
 from uasthn_cli.seam import Aligner, Similarity
 from uasthn_cli.types import (
@@ -95,25 +95,25 @@ class FlightStage:
 
     def __init__(
         self,
-        wide: Looker,
-        near: Looker,
+        search_matcher: FrameMatcher,
+        refine_matcher: FrameMatcher,
         grid: OffsetGrid,
         rebuild_priors: RebuildPriors,
         jobs: int = 1,
     ) -> None:
         """Keep how the flight was searched and is looked at again, by how many at once."""
         self._jobs = jobs
-        self._wide, self._near, self._grid = wide, near, grid
+        self._search_matcher, self._refine_matcher = search_matcher, refine_matcher
+        self._grid, self._local = grid, search_matcher.local
         self._rebuild_priors = rebuild_priors
-        self._reach_m = max(
-            _NEAR_REACH_M, _NEAR_REACH_PITCHES * near.pitch_m, _NEAR_REACH_CELLS * grid.cell_m
-        )
+        pitches_m = _NEAR_REACH_PITCHES * refine_matcher.pitch_m
+        self._reach_m = max(_NEAR_REACH_M, pitches_m, _NEAR_REACH_CELLS * grid.cell_m)
 
     @property
     def near_grid(self) -> OffsetGrid:
         """The offsets that the second look tells apart."""
         finest_m = self._reach_m / _NEAR_LARGEST_HALF
-        cell_m = max(self._near.pitch_m / _NEAR_CELLS_PER_PITCH, finest_m)
+        cell_m = max(self._refine_matcher.pitch_m / _NEAR_CELLS_PER_PITCH, finest_m)
         return OffsetGrid(round(self._reach_m / cell_m), cell_m)
 
     def survey(self, located: Iterable[Located]) -> Survey | None:
@@ -149,19 +149,20 @@ class FlightStage:
         """Return how well frame ``index`` fits around where the flight has it."""
         prior, centre_m = survey.near_priors[index], survey.offsets_m[index]
         # scores are interpolated: none that is excluded may lie beside the grid's corners
-        radius_m = math.sqrt(2.0) * self._reach_m + _NEAR_MARGIN_PITCHES * self._near.pitch_m
+        margin_m = _NEAR_MARGIN_PITCHES * self._refine_matcher.pitch_m
+        radius_m = math.sqrt(2.0) * self._reach_m + margin_m
         try:
-            look = self._near.look(prior, _WHOLE_FRAME, radius_m)
-        except LookError as error:
+            match = self._refine_matcher.match(prior, _WHOLE_FRAME, radius_m)
+        except UnmatchableFrameError as error:
             _log.debug("%s: %s", prior.frame.name, error)
             return NearLook(prior.frame, self._camera(prior), None)
-        likelihood = likelihood_of_look(look, self.near_grid, centre_m)
-        return NearLook(prior.frame, look.scene.camera, likelihood)
+        likelihood = likelihood_of_match(match, self.near_grid, centre_m)
+        return NearLook(prior.frame, match.scene.camera, likelihood)
 
     def _camera(self, prior: Prior) -> CameraModel | None:
         try:
-            return self._near.camera_of(prior)
-        except LookError:
+            return self._refine_matcher.camera_of(prior)
+        except UnmatchableFrameError:
             return None
 
     def _velocities_m_s(self, frames: Sequence[FlightFrame]) -> FloatArray:
@@ -174,16 +175,14 @@ class FlightStage:
             name = frame.prior.frame.name
             end = later.get(name, frame.prior)
             start = frame.prior if name in later else earlier.get(name, frame.prior)
-            velocities.append(
-                _position_m(end, self._wide.local) - _position_m(start, self._wide.local)
-            )
+            velocities.append(_position_m(end, self._local) - _position_m(start, self._local))
         return np.array(velocities)
 
     def _constants(
         self, frames: Sequence[FlightFrame], offsets_m: FloatArray, velocities_m_s: FloatArray
     ) -> FlightConstants:
         """Estimate what stays wrong from frames that alone say what the flight says."""
-        sure = agreeing(frames, offsets_m, self._wide.local)
+        sure = agreeing(frames, offsets_m, self._local)
         sure &= np.array(
             [f.single is not None and f.single.trust.confidence > _CONFIDENT for f in frames]
         )
@@ -193,7 +192,7 @@ class FlightStage:
         views = self._views([(frames[i].prior, offsets_m[i]) for i in chosen.tolist()])
         times_s = np.array([frame.prior.time_utc_s for frame in frames])
         clock_s = clock_constant(
-            times_s[sure], offsets_m[sure], velocities_m_s[sure], self._wide.pitch_m
+            times_s[sure], offsets_m[sure], velocities_m_s[sure], self._search_matcher.pitch_m
         )
         yaw_rad, log_scale = views or (None, None)
         return FlightConstants(yaw_rad, log_scale, clock_s)
@@ -202,7 +201,7 @@ class FlightStage:
         self, places: Sequence[tuple[Prior, FloatArray]]
     ) -> tuple[Constant, Constant] | None:
         """Estimate turn and scale from frames, each with its offset; None from too few."""
-        estimator = self._near.estimator
+        estimator = self._refine_matcher.estimator
         if not isinstance(estimator, Aligner):
             return None
         seen = in_order(self._scene, places, self._jobs)
@@ -222,8 +221,9 @@ class FlightStage:
         """Return a frame near where its offset puts it; None where nothing can be seen."""
         prior, offset_m = place
         try:
-            return self._near.scene(moved_prior(prior, offset_m, self._near.local), self._reach_m)
-        except LookError as error:
+            moved = moved_prior(prior, offset_m, self._local)
+            return self._refine_matcher.scene(moved, self._reach_m)
+        except UnmatchableFrameError as error:
             _log.debug("%s: %s", prior.frame.name, error)
             return None
 
@@ -239,7 +239,7 @@ class FlightStage:
             retimed = self._rebuild_priors(constants.clock_to_apply_s)
         corrected = []
         for frame, offset_m in zip(frames, offsets_m, strict=True):
-            moved = moved_prior(frame.prior, offset_m, self._wide.local)
+            moved = moved_prior(frame.prior, offset_m, self._local)
             posed = retimed.get(frame.prior.frame.name, frame.prior)
             attitude = posed.attitude
             turned = Attitude(

@@ -24,8 +24,8 @@ from uasthn_cli.pipeline.flight_stage import (
     agreement_m,
     moved_prior,
 )
+from uasthn_cli.pipeline.frame_matcher import FrameMatcher
 from uasthn_cli.pipeline.judge import Agreement, Judge
-from uasthn_cli.pipeline.look import Looker
 from uasthn_cli.types import (
     CameraModel,
     Fix,
@@ -82,14 +82,14 @@ def fused_results(
     near: Iterable[NearLook],
     grid: OffsetGrid,
     judge: Judge,
-    looker: Looker,
+    matcher: FrameMatcher,
 ) -> list[FrameResult]:
     """Return the flight's answer for every frame it can place; other frames keep their own.
 
     ``near`` ``(T,)`` is the second look at the survey's frames, on offsets of ``grid``. Both are
     read once, an entry at a time.
     """
-    local = looker.local
+    local = matcher.local
     cameras, likelihoods = _taken_apart(near)
     offsets_m, covariances_m2 = fused_offsets_m(survey, likelihoods, grid)
     apart_m = agreement_m(survey.frames, offsets_m, local)
