@@ -20,9 +20,9 @@ from uasthn_cli.matching.ncc import NccEstimator
 from uasthn_cli.matching.xcorr import XcorrEstimator
 from uasthn_cli.outputs.result_json import (
     decode_located,
-    decode_near_look,
+    decode_refined_frame,
     encode_located,
-    encode_near_look,
+    encode_refined_frame,
 )
 from uasthn_cli.pipeline import Run, drive
 from uasthn_cli.seam import Estimate
@@ -34,9 +34,9 @@ from uasthn_cli.types import (
     FrameResult,
     Located,
     MapFeatures,
-    NearLook,
     Ortho,
     Reason,
+    RefinedFrame,
     Source,
 )
 
@@ -246,15 +246,18 @@ def test_what_is_taken_over_from_journals_gives_the_same_answers(
     with opened(lanes, **QUICK) as run:
         survey = run.survey(located)
         assert survey is not None
-        before = dict(list(_looks(run, clean))[:11])
-        near = {name: decode_near_look(encode_near_look(look)) for name, look in before.items()}
-        near |= {look.frame.name: look for look in run.look_again(survey, skip=near)}
-        assert list(near) == names
-        assert lines(run.fuse(located, survey, near)) == lines(clean.results)
+        before = dict(list(_refined_by_name(run, clean))[:11])
+        refined = {
+            name: decode_refined_frame(encode_refined_frame(entry))
+            for name, entry in before.items()
+        }
+        refined |= {entry.frame.name: entry for entry in run.refine(survey, skip=refined)}
+        assert list(refined) == names
+        assert lines(run.fuse(located, survey, refined)) == lines(clean.results)
 
 
-def _looks(run: Run, outcome: Fused) -> list[tuple[str, NearLook]]:
-    return [(look.frame.name, look) for look in run.look_again(outcome.survey)]
+def _refined_by_name(run: Run, outcome: Fused) -> list[tuple[str, RefinedFrame]]:
+    return [(entry.frame.name, entry) for entry in run.refine(outcome.survey)]
 
 
 def test_without_fusion_nothing_finer_is_opened(lanes: PosedFlight, clean: Fused) -> None:
@@ -303,16 +306,16 @@ def test_a_single_frame_is_a_flight(tmp_path: Path) -> None:
     assert outcome.survey.constants == FlightConstants()
 
 
-def test_a_frame_deleted_before_the_second_look_keeps_its_own_answer(tmp_path: Path) -> None:
+def test_a_frame_deleted_before_the_refinement_keeps_its_own_answer(tmp_path: Path) -> None:
     flight = make_posed_flight(tmp_path, lane_poses()[:4])
     with opened(flight, **QUICK) as run:
         located = list(run.locate())
         survey = run.survey(located)
         assert survey is not None
         (flight.frames / flight.names[2]).unlink()
-        near = {look.frame.name: look for look in run.look_again(survey)}
-        assert near[flight.names[2]] == NearLook(survey.frames[2].prior.frame, None, None)
-        results = run.fuse(located, survey, near)
+        refined = {entry.frame.name: entry for entry in run.refine(survey)}
+        assert refined[flight.names[2]] == RefinedFrame(survey.frames[2].prior.frame, None, None)
+        results = run.fuse(located, survey, refined)
     assert results[2] is located[2].result
     assert [result is entry.result for result, entry in zip(results, located, strict=True)] == [
         *(False, False, True, False)
@@ -323,13 +326,13 @@ def test_a_frame_that_a_corrected_clock_tips_over_keeps_its_own_answer(
     lanes: PosedFlight, clean: Fused
 ) -> None:
     """In a steep turn a second makes the difference between the ground and the horizon."""
-    tipped = list(clean.survey.near_priors)
+    tipped = list(clean.survey.corrected_priors)
     over = math.radians(91.0 - HFOV_DEG / 2)
     tipped[3] = replace(tipped[3], attitude=Attitude(over, 0.0, 0.0))
-    survey = replace(clean.survey, near_priors=tuple(tipped))
+    survey = replace(clean.survey, corrected_priors=tuple(tipped))
     with opened(lanes, **QUICK) as run:
-        near = {look.frame.name: look for look in run.look_again(survey)}
-        assert near[lanes.names[3]].likelihood is None
-        results = run.fuse(clean.located, survey, near)
+        refined = {entry.frame.name: entry for entry in run.refine(survey)}
+        assert refined[lanes.names[3]].likelihood is None
+        results = run.fuse(clean.located, survey, refined)
     assert results[3] is clean.located[3].result
     assert sum(isinstance(r, Fix) and r.source is Source.FUSED for r in results) == len(results) - 1

@@ -87,14 +87,14 @@ def survey_of(*offsets_m: tuple[float, float]) -> Survey:
         grid=WIDE,
         diffusion_m_per_sqrt_s=0.5,
         constants=FlightConstants(),
-        near_priors=(),
+        corrected_priors=(),
     )
 
 
 def test_the_second_look_moves_a_frame_within_its_cell() -> None:
     survey = survey_of((8.0, 4.0), (8.0, 4.0))
-    near = [hill(NEAR, NEAR.half + 3, (8.0, 4.0)), hill(NEAR, NEAR.half + 3, (8.0, 4.0))]
-    offsets_m, covariances_m2 = fused_offsets_m(survey, near, NEAR)
+    refined = [hill(NEAR, NEAR.half + 3, (8.0, 4.0)), hill(NEAR, NEAR.half + 3, (8.0, 4.0))]
+    offsets_m, covariances_m2 = fused_offsets_m(survey, refined, NEAR)
     assert offsets_m == pytest.approx(np.array([[9.5, 4.0]] * 2), abs=0.1)
     assert np.sqrt(covariances_m2[:, 0, 0]).max() < 1.5
 

@@ -1,4 +1,4 @@
-"""The whole flight: fuse what frames gave alone, learn its constants, look again, place anew."""
+"""The whole flight: fuse what frames gave alone, learn its constants, refine, place anew."""
 
 import logging
 import math
@@ -34,9 +34,9 @@ from uasthn_cli.types import (
     FrameFailure,
     FrameResult,
     Located,
-    NearLook,
     Prior,
     Reason,
+    RefinedFrame,
 )
 
 _log = logging.getLogger(__name__)
@@ -46,12 +46,12 @@ PLACEABLE = (Reason.TEXTURELESS, Reason.OFF_MAP, Reason.DEGENERATE_HOMOGRAPHY)
 
 _CONSTANTS_FRAMES = 12
 _CONFIDENT = 0.5
-_NEAR_REACH_M = 15.0
-_NEAR_REACH_PITCHES = 5
-_NEAR_REACH_CELLS = 1.25  # of the search's grid: a wide search is known to one of its cells
-_NEAR_CELLS_PER_PITCH = 4
-_NEAR_LARGEST_HALF = 150
-_NEAR_MARGIN_PITCHES = 3
+_REFINE_REACH_M = 15.0
+_REFINE_REACH_PITCHES = 5
+_REFINE_REACH_CELLS = 1.25  # of the search's grid: a wide search is known to one of its cells
+_REFINE_CELLS_PER_PITCH = 4
+_REFINE_LARGEST_HALF = 150
+_REFINE_MARGIN_PITCHES = 3
 _WHOLE_FRAME = CropTtaConfig(views=1)
 
 RebuildPriors = Callable[[float], dict[str, Prior]]
@@ -76,8 +76,8 @@ class Survey:
     """A flight after the first fusion.
 
     ``frames`` in order of time, ``offsets_m`` ``(T, 2)`` (east, north) the error of each logged
-    position, ``posteriors`` those over the whole search area, each ``(n, n)``, ``near_priors`` what
-    is known of each frame now.
+    position, ``posteriors`` those over the whole search area, each ``(n, n)``,
+    ``corrected_priors`` what is known of each frame now.
     """
 
     frames: tuple[FlightFrame, ...]
@@ -87,11 +87,11 @@ class Survey:
     grid: OffsetGrid
     diffusion_m_per_sqrt_s: float
     constants: FlightConstants
-    near_priors: tuple[Prior, ...]
+    corrected_priors: tuple[Prior, ...]
 
 
 class FlightStage:
-    """Fuses a flight and looks at its frames again near where it settled."""
+    """Fuses a flight and refines its frames near where it settled."""
 
     def __init__(
         self,
@@ -101,19 +101,19 @@ class FlightStage:
         rebuild_priors: RebuildPriors,
         jobs: int = 1,
     ) -> None:
-        """Keep how the flight was searched and is looked at again, by how many at once."""
+        """Keep how the flight was searched and is refined, by how many at once."""
         self._jobs = jobs
         self._search_matcher, self._refine_matcher = search_matcher, refine_matcher
         self._grid, self._local = grid, search_matcher.local
         self._rebuild_priors = rebuild_priors
-        pitches_m = _NEAR_REACH_PITCHES * refine_matcher.pitch_m
-        self._reach_m = max(_NEAR_REACH_M, pitches_m, _NEAR_REACH_CELLS * grid.cell_m)
+        pitches_m = _REFINE_REACH_PITCHES * refine_matcher.pitch_m
+        self._reach_m = max(_REFINE_REACH_M, pitches_m, _REFINE_REACH_CELLS * grid.cell_m)
 
     @property
-    def near_grid(self) -> OffsetGrid:
-        """The offsets that the second look tells apart."""
-        finest_m = self._reach_m / _NEAR_LARGEST_HALF
-        cell_m = max(self._refine_matcher.pitch_m / _NEAR_CELLS_PER_PITCH, finest_m)
+    def refine_grid(self) -> OffsetGrid:
+        """The offsets that the refinement tells apart."""
+        finest_m = self._reach_m / _REFINE_LARGEST_HALF
+        cell_m = max(self._refine_matcher.pitch_m / _REFINE_CELLS_PER_PITCH, finest_m)
         return OffsetGrid(round(self._reach_m / cell_m), cell_m)
 
     def survey(self, located: Iterable[Located]) -> Survey | None:
@@ -142,22 +142,22 @@ class FlightStage:
             grid=self._grid,
             diffusion_m_per_sqrt_s=diffusion,
             constants=constants,
-            near_priors=self._near_priors(frames, offsets_m, constants),
+            corrected_priors=self._corrected_priors(frames, offsets_m, constants),
         )
 
-    def look_again(self, survey: Survey, index: int) -> NearLook:
+    def refine(self, survey: Survey, index: int) -> RefinedFrame:
         """Return how well frame ``index`` fits around where the flight has it."""
-        prior, centre_m = survey.near_priors[index], survey.offsets_m[index]
+        prior, centre_m = survey.corrected_priors[index], survey.offsets_m[index]
         # scores are interpolated: none that is excluded may lie beside the grid's corners
-        margin_m = _NEAR_MARGIN_PITCHES * self._refine_matcher.pitch_m
+        margin_m = _REFINE_MARGIN_PITCHES * self._refine_matcher.pitch_m
         radius_m = math.sqrt(2.0) * self._reach_m + margin_m
         try:
             match = self._refine_matcher.match(prior, _WHOLE_FRAME, radius_m)
         except UnmatchableFrameError as error:
             _log.debug("%s: %s", prior.frame.name, error)
-            return NearLook(prior.frame, self._camera(prior), None)
-        likelihood = likelihood_of_match(match, self.near_grid, centre_m)
-        return NearLook(prior.frame, match.scene.camera, likelihood)
+            return RefinedFrame(prior.frame, self._camera(prior), None)
+        likelihood = likelihood_of_match(match, self.refine_grid, centre_m)
+        return RefinedFrame(prior.frame, match.scene.camera, likelihood)
 
     def _camera(self, prior: Prior) -> CameraModel | None:
         try:
@@ -227,7 +227,7 @@ class FlightStage:
             _log.debug("%s: %s", prior.frame.name, error)
             return None
 
-    def _near_priors(
+    def _corrected_priors(
         self, frames: Sequence[FlightFrame], offsets_m: FloatArray, constants: FlightConstants
     ) -> tuple[Prior, ...]:
         """Return each prior moved to where the flight has it, and freed of the flight's constants.

@@ -33,10 +33,10 @@ from uasthn_cli.types import (
     FrameResult,
     Located,
     MapGrid,
-    NearLook,
     OffsetLikelihood,
     Prior,
     Reason,
+    RefinedFrame,
     Source,
     Trust,
 )
@@ -50,13 +50,13 @@ _METRE_GRID = MapGrid(gsd_m=1.0)
 
 
 def fused_offsets_m(
-    survey: Survey, near: Sequence[OffsetLikelihood | None], grid: OffsetGrid
+    survey: Survey, refined: Sequence[OffsetLikelihood | None], grid: OffsetGrid
 ) -> tuple[FloatArray, FloatArray]:
-    """Return offsets ``(T, 2)`` and covariances ``(T, 2, 2)`` from the second look at all frames.
+    """Return offsets ``(T, 2)`` and covariances ``(T, 2, 2)`` from the refinement of all frames.
 
-    Where no frame says anything the second time, the first fusion stands.
+    Where no refined frame says anything, the first fusion stands.
     """
-    if not any(entry is not None for entry in near):
+    if not any(entry is not None for entry in refined):
         summaries = [
             summarise_posterior(entry, survey.grid.cell_m, np.zeros(2), offset_m)
             for entry, offset_m in zip(survey.posteriors, survey.offsets_m, strict=True)
@@ -64,7 +64,7 @@ def fused_offsets_m(
         return survey.offsets_m, np.array([entry.covariance_m2 for entry in summaries])
     centred = LikelihoodSpool(
         entry or flat_likelihood(grid, offset_m)
-        for entry, offset_m in zip(near, survey.offsets_m, strict=True)
+        for entry, offset_m in zip(refined, survey.offsets_m, strict=True)
     )
     smoothed = smooth(centred, survey.times_s, survey.diffusion_m_per_sqrt_s)
     offsets_m, covariances_m2 = [], []
@@ -79,25 +79,25 @@ def fused_offsets_m(
 def fused_results(
     located: Iterable[Located],
     survey: Survey,
-    near: Iterable[NearLook],
+    refined: Iterable[RefinedFrame],
     grid: OffsetGrid,
     judge: Judge,
     matcher: FrameMatcher,
 ) -> list[FrameResult]:
     """Return the flight's answer for every frame it can place; other frames keep their own.
 
-    ``near`` ``(T,)`` is the second look at the survey's frames, on offsets of ``grid``. Both are
+    ``refined`` ``(T,)`` are the survey's frames near their places, on offsets of ``grid``. Both are
     read once, an entry at a time.
     """
     local = matcher.local
-    cameras, likelihoods = _taken_apart(near)
+    cameras, likelihoods = _taken_apart(refined)
     offsets_m, covariances_m2 = fused_offsets_m(survey, likelihoods, grid)
     apart_m = agreement_m(survey.frames, offsets_m, local)
     support = support_of(_backing(survey.frames, apart_m))
     answers: dict[str, Fix] = {}
     for index, (frame, camera) in enumerate(zip(survey.frames, cameras, strict=True)):
         moved_m = offsets_m[index] - survey.offsets_m[index]
-        posed = moved_prior(survey.near_priors[index], moved_m, local)
+        posed = moved_prior(survey.corrected_priors[index], moved_m, local)
         placed = None if camera is None else _placed(camera, posed, local)
         if placed is None:
             continue
@@ -113,13 +113,13 @@ def fused_results(
 
 
 def _taken_apart(
-    near: Iterable[NearLook],
+    refined: Iterable[RefinedFrame],
 ) -> tuple[list[CameraModel | None], LikelihoodSpool]:
-    """Return cameras and likelihoods of second looks, which are read once."""
+    """Return cameras and likelihoods of refined frames, which are read once."""
     cameras, likelihoods = [], LikelihoodSpool()
-    for look in near:
-        cameras.append(look.camera)
-        likelihoods.append(look.likelihood)
+    for frame in refined:
+        cameras.append(frame.camera)
+        likelihoods.append(frame.likelihood)
     return cameras, likelihoods
 
 

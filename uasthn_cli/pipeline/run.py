@@ -36,8 +36,8 @@ from uasthn_cli.types import (
     FrameFile,
     FrameResult,
     Located,
-    NearLook,
     Prior,
+    RefinedFrame,
 )
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
@@ -49,8 +49,8 @@ class Run:
     """An opened run: priors are known, the map is open, the estimator is loaded.
 
     Its steps, which :func:`uasthn_cli.pipeline.driver.drive` takes: frames are located one by one
-    (:meth:`locate`); with fusion, :meth:`survey` then settles the flight, :meth:`look_again` looks
-    at each frame near where it settled, and :meth:`fuse` ends it.
+    (:meth:`locate`); with fusion, :meth:`survey` then settles the flight, :meth:`refine` matches
+    each frame again near where it settled, and :meth:`fuse` ends it.
     """
 
     def __init__(
@@ -104,21 +104,21 @@ class Run:
         with self._timer.stage("fuse"):
             return self._flight.survey(located)
 
-    def look_again(self, survey: Survey, skip: Container[str] = ()) -> Iterator[NearLook]:
+    def refine(self, survey: Survey, skip: Container[str] = ()) -> Iterator[RefinedFrame]:
         """Yield what each frame shows near where the flight has it, leaving out ``skip``."""
         indices = (
             index for index, frame in enumerate(survey.frames) if frame.prior.frame.name not in skip
         )
-        yield from in_order(partial(self._flight.look_again, survey), indices, self._jobs)
+        yield from in_order(partial(self._flight.refine, survey), indices, self._jobs)
 
     def fuse(
-        self, located: Iterable[Located], survey: Survey, near: Mapping[str, NearLook]
+        self, located: Iterable[Located], survey: Survey, refined: Mapping[str, RefinedFrame]
     ) -> list[FrameResult]:
         """Return the flight's answers, in the order of ``located``."""
         with self._timer.stage("fuse"):
-            looks = (near[frame.prior.frame.name] for frame in survey.frames)
+            frames = (refined[frame.prior.frame.name] for frame in survey.frames)
             return fused_results(
-                located, survey, looks, self._flight.near_grid, self._judge, self._search_matcher
+                located, survey, frames, self._flight.refine_grid, self._judge, self._search_matcher
             )
 
     def describe(self) -> dict[str, Any]:
