@@ -317,7 +317,7 @@ def test_ctrl_c_while_the_flight_is_fused_keeps_every_frame(
 
     out = tmp_path / "out"
     with monkeypatch.context() as patched:
-        patched.setattr(Run, "survey", interrupted)
+        patched.setattr(Run, "fuse_flight", interrupted)
         result = geotag(flight, out)
     assert result.exit_code == 130
     assert "interrupted after 4 of 4 frames (0 refined)" in result.stderr

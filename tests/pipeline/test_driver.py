@@ -37,7 +37,7 @@ def lines(results: list[FrameResult]) -> list[str]:
 def test_answers_come_in_frame_order_and_everything_was_computed(
     lanes: PosedFlight, straight: Outcome
 ) -> None:
-    assert straight.survey is not None
+    assert straight.flight is not None
     assert len(straight.results) == straight.computed_frames == len(lanes.names)
     assert [entry.result.prior.frame.name for entry in straight.located] == lanes.names  # type: ignore[union-attr]
 
@@ -102,5 +102,5 @@ def test_progress_is_told_step_by_step(lanes: PosedFlight) -> None:
 def test_without_fusion_every_frame_stands_alone(lanes: PosedFlight) -> None:
     with opened(lanes, fuse=False, **QUICK) as run:
         outcome = drive(run)
-        assert outcome.survey is None
+        assert outcome.flight is None
         assert lines(outcome.results) == lines(alone(run))

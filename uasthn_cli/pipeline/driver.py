@@ -11,7 +11,7 @@ from time import perf_counter
 from typing import Final, Generic, Protocol, TypeVar, overload
 
 from uasthn_cli.outputs.formatting import frame_of
-from uasthn_cli.pipeline.flight_stage import Survey
+from uasthn_cli.pipeline.flight_stage import FusedFlight
 from uasthn_cli.pipeline.run import Run
 from uasthn_cli.types import FrameResult, Located, RefinedFrame
 
@@ -78,12 +78,12 @@ class MemoryJournals:
 class Outcome:
     """A finished run: what frames gave alone, the flight they make, the answers in frame order.
 
-    ``survey`` is None where frames stand alone, because nobody asked for more or they say too
+    ``flight`` is None where frames stand alone, because nobody asked for more or they say too
     little. ``computed_frames`` were not taken over from journals; ``write_s`` went into these.
     """
 
     located: Sequence[Located]
-    survey: Survey | None
+    flight: FusedFlight | None
     results: list[FrameResult]
     computed_frames: int
     write_s: float
@@ -127,13 +127,13 @@ def drive(run: Run, journals: Journals | None = None, progress: Progress = _sile
     write_s = _keep(ALONE, len(run.names), kept.located, entries, progress)
     located = _InOrder(run.names, kept.located.finished)
     computed = len(located) - len(taken_over)
-    survey = run.survey(located) if run.fuses else None
-    if survey is None:
+    flight = run.fuse_flight(located) if run.fuses else None
+    if flight is None:
         return Outcome(located, None, [entry.result for entry in located], computed, write_s)
-    refined = run.refine(survey, frozenset(kept.refined.finished))
-    write_s += _keep(REFINING, len(survey.frames), kept.refined, refined, progress)
-    results = run.fuse(located, survey, kept.refined.finished)
-    return Outcome(located, survey, results, computed, write_s)
+    refined = run.refine(flight, frozenset(kept.refined.finished))
+    write_s += _keep(REFINING, len(flight.frames), kept.refined, refined, progress)
+    results = run.place_frames(located, flight, kept.refined.finished)
+    return Outcome(located, flight, results, computed, write_s)
 
 
 def _keep(

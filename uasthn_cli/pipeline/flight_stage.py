@@ -72,7 +72,7 @@ class FlightFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Survey:
+class FusedFlight:
     """A flight after the first fusion.
 
     ``frames`` in order of time, ``offsets_m`` ``(T, 2)`` (east, north) the error of each logged
@@ -116,7 +116,7 @@ class FlightStage:
         cell_m = max(self._refine_matcher.pitch_m / _REFINE_CELLS_PER_PITCH, finest_m)
         return OffsetGrid(round(self._reach_m / cell_m), cell_m)
 
-    def survey(self, located: Iterable[Located]) -> Survey | None:
+    def fuse(self, located: Iterable[Located]) -> FusedFlight | None:
         """Fuse what frames gave alone; None where no frame says anything.
 
         ``located`` is read once, an entry at a time, and likelihoods go to disk.
@@ -134,7 +134,7 @@ class FlightStage:
             [best_offset_m(entry, cell_m, np.zeros(2)) for entry in smoothed.posteriors]
         )
         constants = self._constants(frames, offsets_m, velocities_m_s)
-        return Survey(
+        return FusedFlight(
             frames=frames,
             times_s=times_s,
             offsets_m=offsets_m,
@@ -145,9 +145,9 @@ class FlightStage:
             corrected_priors=self._corrected_priors(frames, offsets_m, constants),
         )
 
-    def refine(self, survey: Survey, index: int) -> RefinedFrame:
+    def refine(self, flight: FusedFlight, index: int) -> RefinedFrame:
         """Return how well frame ``index`` fits around where the flight has it."""
-        prior, centre_m = survey.corrected_priors[index], survey.offsets_m[index]
+        prior, centre_m = flight.corrected_priors[index], flight.offsets_m[index]
         # scores are interpolated: none that is excluded may lie beside the grid's corners
         margin_m = _REFINE_MARGIN_PITCHES * self._refine_matcher.pitch_m
         radius_m = math.sqrt(2.0) * self._reach_m + margin_m

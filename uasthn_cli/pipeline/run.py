@@ -21,7 +21,7 @@ from uasthn_cli.pipeline.estimators import (
     says_deviations,
     settled_uncertainty,
 )
-from uasthn_cli.pipeline.flight_stage import FlightStage, RebuildPriors, Survey
+from uasthn_cli.pipeline.flight_stage import FlightStage, FusedFlight, RebuildPriors
 from uasthn_cli.pipeline.frame_matcher import FrameMatcher
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
@@ -49,8 +49,8 @@ class Run:
     """An opened run: priors are known, the map is open, the estimator is loaded.
 
     Its steps, which :func:`uasthn_cli.pipeline.driver.drive` takes: frames are located one by one
-    (:meth:`locate`); with fusion, :meth:`survey` then settles the flight, :meth:`refine` matches
-    each frame again near where it settled, and :meth:`fuse` ends it.
+    (:meth:`locate`); with fusion, :meth:`fuse_flight` then settles the flight, :meth:`refine`
+    matches each frame again near where it settled, and :meth:`place_frames` ends it.
     """
 
     def __init__(
@@ -72,11 +72,11 @@ class Run:
         self._judge = Judge(job.config, self.calibration, map_pixel_m)
         self._map_pixel_m = map_pixel_m
         self._uncertainty = uncertainty
-        self._stage = FrameStage(self._search_matcher, self._judge, job.config, uncertainty)
-        self._flight = FlightStage(
+        self._frame_stage = FrameStage(self._search_matcher, self._judge, job.config, uncertainty)
+        self._flight_stage = FlightStage(
             self._search_matcher,
             self._refine_matcher,
-            self._stage.offset_grid,
+            self._frame_stage.offset_grid,
             rebuild,
             self._jobs,
         )
@@ -97,28 +97,33 @@ class Run:
         yield from in_order(self._located, entries, self._jobs)
 
     def _located(self, entry: Prior | FrameFailure) -> Located:
-        return self._stage.locate(entry) if isinstance(entry, Prior) else Located(entry, None)
+        return self._frame_stage.locate(entry) if isinstance(entry, Prior) else Located(entry, None)
 
-    def survey(self, located: Iterable[Located]) -> Survey | None:
+    def fuse_flight(self, located: Iterable[Located]) -> FusedFlight | None:
         """Settle the flight from what its frames gave alone; None where they say nothing."""
         with self._timer.stage("fuse"):
-            return self._flight.survey(located)
+            return self._flight_stage.fuse(located)
 
-    def refine(self, survey: Survey, skip: Container[str] = ()) -> Iterator[RefinedFrame]:
+    def refine(self, flight: FusedFlight, skip: Container[str] = ()) -> Iterator[RefinedFrame]:
         """Yield what each frame shows near where the flight has it, leaving out ``skip``."""
         indices = (
-            index for index, frame in enumerate(survey.frames) if frame.prior.frame.name not in skip
+            index for index, frame in enumerate(flight.frames) if frame.prior.frame.name not in skip
         )
-        yield from in_order(partial(self._flight.refine, survey), indices, self._jobs)
+        yield from in_order(partial(self._flight_stage.refine, flight), indices, self._jobs)
 
-    def fuse(
-        self, located: Iterable[Located], survey: Survey, refined: Mapping[str, RefinedFrame]
+    def place_frames(
+        self, located: Iterable[Located], flight: FusedFlight, refined: Mapping[str, RefinedFrame]
     ) -> list[FrameResult]:
         """Return the flight's answers, in the order of ``located``."""
         with self._timer.stage("fuse"):
-            frames = (refined[frame.prior.frame.name] for frame in survey.frames)
+            frames = (refined[frame.prior.frame.name] for frame in flight.frames)
             return fused_results(
-                located, survey, frames, self._flight.refine_grid, self._judge, self._search_matcher
+                located,
+                flight,
+                frames,
+                self._flight_stage.refine_grid,
+                self._judge,
+                self._search_matcher.local,
             )
 
     def describe(self) -> dict[str, Any]:
@@ -146,7 +151,7 @@ class Run:
             "method": chosen.method,
             "aggregation": chosen.aggregation,
             "merge": chosen.merge if chosen.method is UeMethod.CROPTTA_DE else None,
-            "views": self._stage.crops.views,
+            "views": self._frame_stage.crops.views,
             "members": self._search_matcher.members,
         }
 
