@@ -14,8 +14,8 @@ from uasthn_cli.geometry.corners import (
 from uasthn_cli.geometry.geodesy import distance_m
 from uasthn_cli.geometry.placement import Placement, box_origin, place_frame, translation
 from uasthn_cli.pipeline.frame_matcher import FrameMatch, FrameMatcher, UnmatchableFrameError
-from uasthn_cli.pipeline.judge import Judge
 from uasthn_cli.pipeline.likelihoods import likelihood_of_match
+from uasthn_cli.pipeline.trust_model import TrustModel
 from uasthn_cli.types import (
     Fix,
     FloatArray,
@@ -41,12 +41,12 @@ class FrameStage:
     def __init__(
         self,
         matcher: FrameMatcher,
-        judge: Judge,
+        trust_model: TrustModel,
         config: GeotagConfig,
         uncertainty: UncertaintyChoice,
     ) -> None:
-        """Keep how frames are matched and judged, and how far their answers are known."""
-        self._matcher, self._judge, self._config = matcher, judge, config
+        """Keep how frames are matched and trusted, and how far their answers are known."""
+        self._matcher, self._trust_model, self._config = matcher, trust_model, config
         self._uncertainty = uncertainty
 
     @property
@@ -94,7 +94,7 @@ class FrameStage:
         offset_m = placed.camera_m - local.to_metres(prior_deg)
         std_m = spread.std_px * grid.gsd_m
         uncertainty_m = scalar_uncertainty(std_m, self._config.decision.rule)
-        trust = self._judge.single(
+        trust = self._trust_model.single(
             likelihood, offset_m, uncertainty_m, match.estimate.confidence, std_m
         )
         reason = self._reason(match, spread, uncertainty_m, trust)
@@ -124,7 +124,7 @@ class FrameStage:
         limit = self._config.decision.max_scale_error
         return impossible_corners(
             match.views_px[0], spread.corners_px, limit
-        ) or self._judge.doubt_of_single(
+        ) or self._trust_model.rejection_of_single(
             uncertainty_m, trust, match.scene.features.box.width_px * self._matcher.grid.gsd_m
         )
 

@@ -24,7 +24,7 @@ from uasthn_cli.pipeline.flight_stage import (
     agreement_m,
     moved_prior,
 )
-from uasthn_cli.pipeline.judge import Agreement, Judge
+from uasthn_cli.pipeline.trust_model import Agreement, TrustModel
 from uasthn_cli.types import (
     CameraModel,
     Fix,
@@ -80,7 +80,7 @@ def fused_results(
     flight: FusedFlight,
     refined: Iterable[RefinedFrame],
     grid: OffsetGrid,
-    judge: Judge,
+    trust_model: TrustModel,
     local: LocalFrame,
 ) -> list[FrameResult]:
     """Return the flight's answer for every frame it can place; other frames keep their own.
@@ -104,8 +104,8 @@ def fused_results(
         )
         agreement = Agreement(float(apart_m[index]), float(support[index]))
         uncertainty_m = frame.single.uncertainty_m if frame.single else math.nan
-        trust = judge.fused(summary, covariances_m2[index], agreement, uncertainty_m)
-        reason = _reason(frame) or judge.doubt_of_fused(trust)
+        trust = trust_model.fused(summary, covariances_m2[index], agreement, uncertainty_m)
+        reason = _reason(frame) or trust_model.rejection_of_fused(trust)
         answers[frame.prior.frame.name] = _fix(frame, placed, trust, reason, local)
     return [answers.get(_name(entry.result), entry.result) for entry in located]
 

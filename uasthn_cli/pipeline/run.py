@@ -26,10 +26,10 @@ from uasthn_cli.pipeline.frame_matcher import FrameMatcher
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
 from uasthn_cli.pipeline.job import GeotagJob, chosen_calibration, chosen_jobs, chosen_uncertainty
-from uasthn_cli.pipeline.judge import Judge
 from uasthn_cli.pipeline.matchers import MatcherBuilder, choose_gsds_m, shared_frame
 from uasthn_cli.pipeline.parallel import in_order
 from uasthn_cli.pipeline.timing import StageTimer
+from uasthn_cli.pipeline.trust_model import TrustModel
 from uasthn_cli.seam import Estimator
 from uasthn_cli.types import (
     FrameFailure,
@@ -69,10 +69,12 @@ class Run:
         self.camera, self.fuses, self._jobs = job.camera, job.config.fuse, chosen_jobs(job)
         self._search_matcher, self._refine_matcher = matchers
         self.calibration = chosen_calibration(job)
-        self._judge = Judge(job.config, self.calibration, map_pixel_m)
+        self._trust_model = TrustModel(job.config, self.calibration, map_pixel_m)
         self._map_pixel_m = map_pixel_m
         self._uncertainty = uncertainty
-        self._frame_stage = FrameStage(self._search_matcher, self._judge, job.config, uncertainty)
+        self._frame_stage = FrameStage(
+            self._search_matcher, self._trust_model, job.config, uncertainty
+        )
         self._flight_stage = FlightStage(
             self._search_matcher,
             self._refine_matcher,
@@ -122,7 +124,7 @@ class Run:
                 flight,
                 frames,
                 self._flight_stage.refine_grid,
-                self._judge,
+                self._trust_model,
                 self._search_matcher.local,
             )
 
