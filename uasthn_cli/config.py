@@ -90,6 +90,9 @@ CONFIDENCE_LEVEL = 0.9
 DEFAULT_SYMMETRIES = 1
 """Orientations in which xcorr sees both images (1 to 8): more are slower, and hardly surer."""
 
+COARSE_REFINE_SYMMETRIES = 2
+"""The same where a coarse map gives the refinement no finer grid: upright and upside down."""
+
 DEFAULT_MAP_ERROR_M = 4.0
 """Standard deviation, per axis, of the map's own registration: part of every uncertainty."""
 
@@ -205,8 +208,8 @@ class TrainingDefaults:
 THERMAL_WIDTH_PX = 96
 """Width of a frame's footprint on the map grid that the default GSD aims at."""
 
-NEAR_WIDTH_PX = 256
-"""The same for the second look near the place that the flight settled on."""
+REFINE_WIDTH_PX = 256
+"""The same for the refinement near the place that the flight settled on."""
 
 MAX_MAP_ENLARGEMENT = 2.0
 """How much finer than the map's own GSD the default may be."""

@@ -288,7 +288,7 @@ class Located:
 
 
 @dataclass(frozen=True, slots=True)
-class NearLook:
+class RefinedFrame:
     """What a frame shows near the place the flight has it at.
 
     ``camera`` is None for a frame that cannot be read, ``likelihood`` where it fits nothing.

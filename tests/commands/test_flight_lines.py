@@ -9,7 +9,7 @@ from uasthn_cli.commands.flight_lines import flight_lines, flight_record
 from uasthn_cli.fusion.constants import Constant, FlightConstants
 from uasthn_cli.fusion.offsets import OffsetGrid
 from uasthn_cli.ingest.cameras import CameraSpec
-from uasthn_cli.pipeline import Survey
+from uasthn_cli.pipeline import FusedFlight
 
 CAMERA = CameraSpec(hfov_deg=45.0, mount_yaw_deg=90.0)
 YAW = Constant(math.radians(-2.5), math.radians(0.1), 12)
@@ -17,14 +17,14 @@ SCALE = Constant(math.log(1.04), 0.002, 12)
 CLOCK = Constant(0.75, 0.1, 9)
 
 
-def survey_with(constants: FlightConstants) -> Survey:
+def flight_with(constants: FlightConstants) -> FusedFlight:
     """Return a flight of no frames that taught this."""
     grid = OffsetGrid(1, 1.0)
-    return Survey((), np.zeros(0), np.zeros((0, 2)), [], grid, 3.0, constants, ())
+    return FusedFlight((), np.zeros(0), np.zeros((0, 2)), [], grid, 3.0, constants, ())
 
 
 def test_each_certain_constant_is_a_line_with_its_option() -> None:
-    yaw, scale, clock = flight_lines(CAMERA, survey_with(FlightConstants(YAW, SCALE, CLOCK)))
+    yaw, scale, clock = flight_lines(CAMERA, flight_with(FlightConstants(YAW, SCALE, CLOCK)))
     assert "-2.50° (± 0.10°)" in yaw
     assert "--mount-yaw 87.50" in yaw
     assert "+4.0 % (± 0.2 %)" in scale
@@ -36,7 +36,7 @@ def test_each_certain_constant_is_a_line_with_its_option() -> None:
 
 def test_a_lens_that_was_not_given_by_its_field_of_view_gets_no_such_advice() -> None:
     camera = CameraSpec(focal_mm=18.0, pixel_pitch_um=12.0)
-    (line,) = flight_lines(camera, survey_with(FlightConstants(log_scale=SCALE)))
+    (line,) = flight_lines(camera, flight_with(FlightConstants(log_scale=SCALE)))
     assert "+4.0 %" in line
     assert "--hfov" not in line
 
@@ -49,16 +49,16 @@ def test_a_lens_that_was_not_given_by_its_field_of_view_gets_no_such_advice() ->
     ],
 )
 def test_what_is_not_certain_is_not_said(constants: FlightConstants) -> None:
-    assert flight_lines(CAMERA, survey_with(constants)) == []
+    assert flight_lines(CAMERA, flight_with(constants)) == []
 
 
 def test_the_record_holds_values_errors_and_whether_they_were_corrected() -> None:
     unsure = Constant(0.1, 0.2, 4)
-    record = flight_record(survey_with(FlightConstants(YAW, SCALE, unsure)))
+    record = flight_record(flight_with(FlightConstants(YAW, SCALE, unsure)))
     assert record == {
         "diffusion_m_per_sqrt_s": 3.0,
         "mount_yaw_deg": {"value": -2.5, "error": 0.1, "count": 12, "corrected": True},
         "height_log_scale": {"value": 0.039221, "error": 0.002, "count": 12, "corrected": True},
         "clock_s": {"value": 0.1, "error": 0.2, "count": 4, "corrected": False},
     }
-    assert flight_record(survey_with(FlightConstants()))["mount_yaw_deg"] is None
+    assert flight_record(flight_with(FlightConstants()))["mount_yaw_deg"] is None

@@ -66,7 +66,7 @@ def test_progress_and_summary_are_on_stderr(flight: Flight, tmp_path: Path) -> N
     assert result.stdout == ""
     lines = result.stderr.splitlines()
     assert lines[:4] == [f"geo-tagging: {k} of 4" for k in range(1, 5)]
-    assert lines[4:8] == [f"looking again: {k} of 4" for k in range(1, 5)]
+    assert lines[4:8] == [f"refining: {k} of 4" for k in range(1, 5)]
     assert lines[8].startswith("Answers are judged by plain limits")
     assert "of 4 frames accepted" in lines[9]
 
@@ -89,7 +89,7 @@ def test_each_frame_alone(flight: Flight, tmp_path: Path) -> None:
     out = tmp_path / "out"
     result = CliRunner().invoke(main, flight.arguments(out, "--no-fuse"))
     assert result.exit_code == 0, result.stderr
-    assert "looking again" not in result.stderr
+    assert "refining" not in result.stderr
     assert record(out)["flight"] is None
     header, first = (out / "frames.csv").read_text().splitlines()[:2]
     assert "single_" not in header

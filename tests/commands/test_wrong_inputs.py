@@ -278,7 +278,7 @@ def test_unknown_epsg_code_is_a_usage_error(flight: Flight, tmp_path: Path) -> N
     assert not out.exists()
 
 
-@pytest.mark.parametrize("step", ["geo-tagging: ", "looking again: "])
+@pytest.mark.parametrize("step", ["geo-tagging: ", "refining: "])
 def test_ctrl_c_half_way_then_the_same_command_again(tmp_path: Path, step: str) -> None:
     """Interrupted and resumed, the files are those of a run that never stopped."""
     flight = make_flight(tmp_path / "flight", count=30)
@@ -317,10 +317,10 @@ def test_ctrl_c_while_the_flight_is_fused_keeps_every_frame(
 
     out = tmp_path / "out"
     with monkeypatch.context() as patched:
-        patched.setattr(Run, "survey", interrupted)
+        patched.setattr(Run, "fuse_flight", interrupted)
         result = geotag(flight, out)
     assert result.exit_code == 130
-    assert "interrupted after 4 of 4 frames (0 looked at again)" in result.stderr
+    assert "interrupted after 4 of 4 frames (0 refined)" in result.stderr
     assert sorted(path.name for path in out.iterdir()) == JOURNALS
     again = geotag(flight, out)
     assert again.exit_code == 0, again.stderr

@@ -92,7 +92,7 @@ def test_a_sample_without_an_answer_has_the_prior_s_error_and_is_not_accepted() 
     np.testing.assert_allclose(judged.mace_m[0], prior_error_m)
 
 
-def test_a_crop_without_an_answer_is_doubt_enough() -> None:
+def test_a_crop_without_an_answer_is_reason_enough_to_reject() -> None:
     some = made_up_predictions(ERRORS_M, STD_M)
     some.answers_px[1, 0, 3] = np.nan
     judged = judge(some, UeMethod.CROPTTA, threshold(1e9))

@@ -73,7 +73,7 @@ def test_convention_a_turned_kernel_does_what_turning_the_image_does() -> None:
         )
     }
     # turned a quarter counter-clockwise, the right neighbour is what lay below
-    expected = ("right", "below", "left", "above", "left", "above", "right", "below")
+    expected = ("right", "left", "below", "above", "left", "right", "above", "below")
     for plane, name in zip(found, expected, strict=True):
         np.testing.assert_array_equal(plane[inside], directions[name], name)
 

@@ -13,15 +13,15 @@ from frame_results import (
     make_failure,
     make_fix,
     make_located,
-    make_near_look,
+    make_refined_frame,
     make_rejected,
 )
 
 from uasthn_cli.errors import OutputError
-from uasthn_cli.outputs.journal import JOURNAL_NAME, LOCATED, NEAR_LOOKS, Journal
+from uasthn_cli.outputs.journal import JOURNAL_NAME, LOCATED, REFINED, Journal
 from uasthn_cli.outputs.result_json import encode_located
 from uasthn_cli.outputs.table import frames_csv
-from uasthn_cli.types import FrameResult, NearLook
+from uasthn_cli.types import FrameResult, RefinedFrame
 
 
 def finished_names(folder: Path, fingerprint: str = "f") -> list[str]:
@@ -55,32 +55,32 @@ def test_results_read_back_write_the_same_table(tmp_path: Path) -> None:
 
 
 def test_both_kinds_are_kept_side_by_side(tmp_path: Path) -> None:
-    with Journal(tmp_path, "f", LOCATED) as alone, Journal(tmp_path, "f", NEAR_LOOKS) as near:
+    with Journal(tmp_path, "f", LOCATED) as alone, Journal(tmp_path, "f", REFINED) as refined:
         alone.append(make_located("1.png"))
         alone.append(make_located("2.png"))
-        near.append(make_near_look("1.png"))
-    with Journal(tmp_path, "f", LOCATED) as alone, Journal(tmp_path, "f", NEAR_LOOKS) as near:
+        refined.append(make_refined_frame("1.png"))
+    with Journal(tmp_path, "f", LOCATED) as alone, Journal(tmp_path, "f", REFINED) as refined:
         assert list(alone.finished) == ["1.png", "2.png"]
-        assert list(near.finished) == ["1.png"]
-        near.remove()
+        assert list(refined.finished) == ["1.png"]
+        refined.remove()
     assert listing(tmp_path) == [JOURNAL_NAME]
 
 
 def test_a_second_look_is_read_back_to_the_bit(tmp_path: Path) -> None:
-    looks: dict[str, NearLook] = {
-        "seen.png": make_near_look("seen.png"),
-        "blank.png": make_near_look("blank.png", likelihood=None),
-        "gone.png": make_near_look("gone.png", likelihood=None, camera=None),
+    frames: dict[str, RefinedFrame] = {
+        "seen.png": make_refined_frame("seen.png"),
+        "blank.png": make_refined_frame("blank.png", likelihood=None),
+        "gone.png": make_refined_frame("gone.png", likelihood=None, camera=None),
     }
-    with Journal(tmp_path, "f", NEAR_LOOKS) as journal:
-        for look in looks.values():
-            journal.append(look)
-    with Journal(tmp_path, "f", NEAR_LOOKS) as journal:
+    with Journal(tmp_path, "f", REFINED) as journal:
+        for refined in frames.values():
+            journal.append(refined)
+    with Journal(tmp_path, "f", REFINED) as journal:
         again = dict(journal.finished)
-    assert list(again) == list(looks)
-    for name, look in looks.items():
-        assert (again[name].frame, again[name].camera) == (look.frame, look.camera)
-        mine, theirs = look.likelihood, again[name].likelihood
+    assert list(again) == list(frames)
+    for name, refined in frames.items():
+        assert (again[name].frame, again[name].camera) == (refined.frame, refined.camera)
+        mine, theirs = refined.likelihood, again[name].likelihood
         if mine is None or theirs is None:
             assert mine is theirs
         else:
@@ -113,9 +113,9 @@ def test_a_line_that_changes_under_way_is_a_clear_error(tmp_path: Path) -> None:
 def test_an_entry_of_the_other_kind_is_not_taken_over(tmp_path: Path) -> None:
     with Journal(tmp_path, "f", LOCATED) as journal:
         journal.append(make_located("1.png"))
-    (tmp_path / JOURNAL_NAME).rename(tmp_path / NEAR_LOOKS.file_name)
-    with Journal(tmp_path, "f", NEAR_LOOKS) as near:
-        assert not near.finished
+    (tmp_path / JOURNAL_NAME).rename(tmp_path / REFINED.file_name)
+    with Journal(tmp_path, "f", REFINED) as refined:
+        assert not refined.finished
 
 
 @pytest.mark.parametrize("torn_bytes", [1, 2, 40])

@@ -3,7 +3,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from frame_results import located, make_failure, make_fix, make_fused, make_located, make_near_look
+from frame_results import (
+    located,
+    make_failure,
+    make_fix,
+    make_fused,
+    make_located,
+    make_refined_frame,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -11,9 +18,9 @@ from numpy.typing import NDArray
 
 from uasthn_cli.outputs.result_json import (
     decode_located,
-    decode_near_look,
+    decode_refined_frame,
     encode_located,
-    encode_near_look,
+    encode_refined_frame,
 )
 from uasthn_cli.types import (
     Attitude,
@@ -22,10 +29,10 @@ from uasthn_cli.types import (
     FrameFailure,
     FrameFile,
     Located,
-    NearLook,
     OffsetLikelihood,
     Prior,
     Reason,
+    RefinedFrame,
     Source,
     Trust,
 )
@@ -141,20 +148,20 @@ def test_round_trip_is_exact(entry: Located) -> None:
     assert exact(decode_located(line)) == exact(entry)
 
 
-LOOKS = st.builds(
-    NearLook,
+REFINED_FRAMES = st.builds(
+    RefinedFrame,
     frame=FRAMES,
     camera=st.none() | CAMERAS,
     likelihood=st.none() | LIKELIHOODS,
 )
 
 
-@given(LOOKS)
-def test_round_trip_of_a_second_look_is_exact(look: NearLook) -> None:
-    line = encode_near_look(look)
+@given(REFINED_FRAMES)
+def test_round_trip_of_a_refined_frame_is_exact(refined: RefinedFrame) -> None:
+    line = encode_refined_frame(refined)
     assert line.isascii()
     assert len(line.splitlines()) == 1
-    assert exact(decode_near_look(line)) == exact(look)
+    assert exact(decode_refined_frame(line)) == exact(refined)
 
 
 def test_numpy_scalars_become_plain_numbers_of_the_same_value() -> None:
@@ -180,9 +187,9 @@ def test_a_torn_line_is_no_result(keep: float) -> None:
     line = encode_located(make_located(result=make_fused()))
     with pytest.raises(ValueError, match=r".+"):
         decode_located(line[: int(len(line) * keep)])
-    look = encode_near_look(make_near_look())
+    refined = encode_refined_frame(make_refined_frame())
     with pytest.raises(ValueError, match=r".+"):
-        decode_near_look(look[: int(len(look) * keep)])
+        decode_refined_frame(refined[: int(len(refined) * keep)])
 
 
 FAILURE_LINE = encode_located(located(make_failure()))
@@ -206,7 +213,7 @@ FIX_LINE = encode_located(make_located())
         FIX_LINE.replace('"size": 5', '"size": 6'),
         FIX_LINE.replace('"levels": "', '"levels": "000'),
         FIX_LINE.replace('"levels": "', '"levels": "!'),
-        encode_near_look(make_near_look()),
+        encode_refined_frame(make_refined_frame()),
         b"\x00\x00\xff",
     ],
 )
@@ -215,7 +222,7 @@ def test_lines_of_other_shape_are_no_result(line: str | bytes) -> None:
         decode_located(line)
 
 
-LOOK_LINE = encode_near_look(make_near_look())
+REFINED_LINE = encode_refined_frame(make_refined_frame())
 
 
 @pytest.mark.parametrize(
@@ -224,14 +231,14 @@ LOOK_LINE = encode_near_look(make_near_look())
         "null",
         "{}",
         FIX_LINE,
-        LOOK_LINE.replace("focal_x_px", "focal_px"),
-        LOOK_LINE.replace('"size": 7', '"size": 5'),
-        LOOK_LINE.replace("cell_m", "cell"),
+        REFINED_LINE.replace("focal_x_px", "focal_px"),
+        REFINED_LINE.replace('"size": 7', '"size": 5'),
+        REFINED_LINE.replace("cell_m", "cell"),
     ],
 )
-def test_lines_of_other_shape_are_no_look(line: str) -> None:
+def test_lines_of_other_shape_are_no_refined_frame(line: str) -> None:
     with pytest.raises(ValueError, match=r".+"):
-        decode_near_look(line)
+        decode_refined_frame(line)
 
 
 def test_foreign_objects_are_not_written() -> None:

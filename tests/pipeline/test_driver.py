@@ -10,7 +10,7 @@ from lane_flight import SEARCH_RADIUS_M, lane_poses
 from posed_flight import PosedFlight, alone, make_posed_flight, opened
 
 from uasthn_cli.config import CropTtaConfig
-from uasthn_cli.outputs.journal import LOCATED, NEAR_LOOKS, Journal
+from uasthn_cli.outputs.journal import LOCATED, REFINED, Journal
 from uasthn_cli.outputs.result_json import encode_located
 from uasthn_cli.pipeline import Outcome, Run, drive
 from uasthn_cli.pipeline.driver import MemoryJournals
@@ -37,7 +37,7 @@ def lines(results: list[FrameResult]) -> list[str]:
 def test_answers_come_in_frame_order_and_everything_was_computed(
     lanes: PosedFlight, straight: Outcome
 ) -> None:
-    assert straight.survey is not None
+    assert straight.flight is not None
     assert len(straight.results) == straight.computed_frames == len(lanes.names)
     assert [entry.result.prior.frame.name for entry in straight.located] == lanes.names  # type: ignore[union-attr]
 
@@ -49,7 +49,7 @@ def test_frames_finished_in_any_order_give_the_same_answers(
         return lambda *args: iter(list(step(*args))[::-1])
 
     monkeypatch.setattr(Run, "locate", backwards(Run.locate))
-    monkeypatch.setattr(Run, "look_again", backwards(Run.look_again))
+    monkeypatch.setattr(Run, "refine", backwards(Run.refine))
     with opened(lanes, **QUICK) as run:
         outcome = drive(run)
     assert lines(outcome.results) == lines(straight.results)
@@ -62,7 +62,7 @@ def test_a_run_that_died_goes_on_from_what_is_kept(
         @contextmanager
         def progress(step: str, total: int, done: int) -> Iterator[Callable[[int], None]]:
             def advance(steps: int) -> None:
-                if step == "looking again" and steps == frames:
+                if step == "refining" and steps == frames:
                     raise KeyboardInterrupt
 
             yield advance
@@ -72,13 +72,13 @@ def test_a_run_that_died_goes_on_from_what_is_kept(
     class Journals:
         def __init__(self) -> None:
             self.located = Journal(tmp_path, "print", LOCATED)
-            self.near = Journal(tmp_path, "print", NEAR_LOOKS)
+            self.refined = Journal(tmp_path, "print", REFINED)
 
     with opened(lanes, **QUICK) as run:
         with pytest.raises(KeyboardInterrupt):
             drive(run, Journals(), dying(3))
         again = Journals()
-        assert (len(again.located.finished), len(again.near.finished)) == (len(lanes.names), 3)
+        assert (len(again.located.finished), len(again.refined.finished)) == (len(lanes.names), 3)
         outcome = drive(run, again)
     assert outcome.computed_frames == 0
     assert outcome.write_s > 0.0
@@ -95,12 +95,12 @@ def test_progress_is_told_step_by_step(lanes: PosedFlight) -> None:
     count = len(lanes.names)
     with opened(lanes, **QUICK) as run:
         drive(run, MemoryJournals(), progress)
-    steps = ("geo-tagging", "looking again")
+    steps = ("geo-tagging", "refining")
     assert told == [(step, k, count) for step in steps for k in range(1, count + 1)]
 
 
 def test_without_fusion_every_frame_stands_alone(lanes: PosedFlight) -> None:
     with opened(lanes, fuse=False, **QUICK) as run:
         outcome = drive(run)
-        assert outcome.survey is None
+        assert outcome.flight is None
         assert lines(outcome.results) == lines(alone(run))

@@ -20,9 +20,9 @@ from uasthn_cli.matching.ncc import NccEstimator
 from uasthn_cli.matching.xcorr import XcorrEstimator
 from uasthn_cli.outputs.result_json import (
     decode_located,
-    decode_near_look,
+    decode_refined_frame,
     encode_located,
-    encode_near_look,
+    encode_refined_frame,
 )
 from uasthn_cli.pipeline import Run, drive
 from uasthn_cli.seam import Estimate
@@ -34,9 +34,9 @@ from uasthn_cli.types import (
     FrameResult,
     Located,
     MapFeatures,
-    NearLook,
     Ortho,
     Reason,
+    RefinedFrame,
     Source,
 )
 
@@ -106,11 +106,11 @@ def test_convention_fused_camera_centre_and_corners_are_right_to_a_map_pixel(
 def test_convention_offsets_are_those_of_the_log(lanes: PosedFlight, clean: Fused) -> None:
     """The log says east and south of the truth by the pose's error: the truth is the other way."""
     errors = np.array([pose.prior_error_m for pose in lanes.poses]) * (-1.0, 1.0)
-    assert np.abs(clean.survey.offsets_m - errors).max() < 2.0
+    assert np.abs(clean.flight.offsets_m - errors).max() < 2.0
 
 
 def test_a_correct_log_has_no_constants(clean: Fused) -> None:
-    constants = clean.survey.constants
+    constants = clean.flight.constants
     assert (constants.yaw_to_apply_rad, constants.clock_to_apply_s) == (0.0, 0.0)
     assert constants.scale_to_apply == 1.0
 
@@ -191,7 +191,7 @@ def test_convention_a_wrong_heading_and_height_are_found_and_corrected(
 ) -> None:
     faults = LogFaults(yaw_deg=yaw_deg, height_factor=height_factor)
     flight, outcome = biased(tmp_path, faults, mount_yaw_deg)
-    constants = outcome.survey.constants
+    constants = outcome.flight.constants
     assert math.degrees(constants.yaw_to_apply_rad) == pytest.approx(yaw_deg, abs=0.3)
     assert constants.scale_to_apply == pytest.approx(height_factor, abs=0.01)
     own, of_flight = errors_m(outcome.singles, flight), errors_m(outcome.fixes, flight)
@@ -204,13 +204,13 @@ def test_convention_a_wrong_heading_and_height_are_found_and_corrected(
 def test_more_than_a_log_gets_wrong_is_left_alone(tmp_path: Path) -> None:
     """What fits best at the edge of what is tried may fit better beyond."""
     _, outcome = biased(tmp_path, LogFaults(yaw_deg=6.0))
-    assert outcome.survey.constants.yaw_rad is None
-    assert outcome.survey.constants.log_scale is None
+    assert outcome.flight.constants.yaw_rad is None
+    assert outcome.flight.constants.log_scale is None
 
 
 def test_the_second_look_is_finer_than_the_search(tmp_path: Path) -> None:
     flight, outcome = biased(tmp_path, LogFaults())
-    constants = outcome.survey.constants
+    constants = outcome.flight.constants
     assert (constants.yaw_to_apply_rad, constants.scale_to_apply) == (0.0, 1.0)
     own, of_flight = errors_m(outcome.singles, flight), errors_m(outcome.fixes, flight)
     assert of_flight[:, 1].mean() < own[:, 1].mean()
@@ -222,7 +222,7 @@ def test_convention_a_wrong_clock_is_found(tmp_path: Path, clock_s: float) -> No
     flight = make_posed_flight(tmp_path, lane_poses(), faults=LogFaults(clock_s=clock_s))
     with opened(flight, **QUICK) as run:
         outcome = fused(run)
-    clock = outcome.survey.constants.clock_s
+    clock = outcome.flight.constants.clock_s
     assert clock is not None
     assert clock.is_significant
     assert clock.value == pytest.approx(clock_s, abs=max(0.05, 3 * clock.error))
@@ -244,17 +244,20 @@ def test_what_is_taken_over_from_journals_gives_the_same_answers(
     located = [decode_located(encode_located(entry)) for entry in clean.located]
     names = lanes.names
     with opened(lanes, **QUICK) as run:
-        survey = run.survey(located)
-        assert survey is not None
-        before = dict(list(_looks(run, clean))[:11])
-        near = {name: decode_near_look(encode_near_look(look)) for name, look in before.items()}
-        near |= {look.frame.name: look for look in run.look_again(survey, skip=near)}
-        assert list(near) == names
-        assert lines(run.fuse(located, survey, near)) == lines(clean.results)
+        fused_flight = run.fuse_flight(located)
+        assert fused_flight is not None
+        before = dict(list(_refined_by_name(run, clean))[:11])
+        refined = {
+            name: decode_refined_frame(encode_refined_frame(entry))
+            for name, entry in before.items()
+        }
+        refined |= {entry.frame.name: entry for entry in run.refine(fused_flight, skip=refined)}
+        assert list(refined) == names
+        assert lines(run.place_frames(located, fused_flight, refined)) == lines(clean.results)
 
 
-def _looks(run: Run, outcome: Fused) -> list[tuple[str, NearLook]]:
-    return [(look.frame.name, look) for look in run.look_again(outcome.survey)]
+def _refined_by_name(run: Run, outcome: Fused) -> list[tuple[str, RefinedFrame]]:
+    return [(entry.frame.name, entry) for entry in run.refine(outcome.flight)]
 
 
 def test_without_fusion_nothing_finer_is_opened(lanes: PosedFlight, clean: Fused) -> None:
@@ -286,7 +289,7 @@ class Mute(NccEstimator):
 def test_an_estimator_without_scores_has_no_flight(flight: PosedFlight) -> None:
     with opened(flight, Mute()) as run:
         located = list(run.locate())
-        assert run.survey(located) is None
+        assert run.fuse_flight(located) is None
     for entry in located:
         assert isinstance(entry.result, Fix)
         assert entry.likelihood is None
@@ -300,19 +303,20 @@ def test_a_single_frame_is_a_flight(tmp_path: Path) -> None:
     with opened(flight, **QUICK) as run:
         outcome = fused(run)
     assert errors_m(outcome.fixes, flight).max() < MAP_GSD_M
-    assert outcome.survey.constants == FlightConstants()
+    assert outcome.flight.constants == FlightConstants()
 
 
-def test_a_frame_deleted_before_the_second_look_keeps_its_own_answer(tmp_path: Path) -> None:
+def test_a_frame_deleted_before_the_refinement_keeps_its_own_answer(tmp_path: Path) -> None:
     flight = make_posed_flight(tmp_path, lane_poses()[:4])
     with opened(flight, **QUICK) as run:
         located = list(run.locate())
-        survey = run.survey(located)
-        assert survey is not None
+        fused_flight = run.fuse_flight(located)
+        assert fused_flight is not None
         (flight.frames / flight.names[2]).unlink()
-        near = {look.frame.name: look for look in run.look_again(survey)}
-        assert near[flight.names[2]] == NearLook(survey.frames[2].prior.frame, None, None)
-        results = run.fuse(located, survey, near)
+        refined = {entry.frame.name: entry for entry in run.refine(fused_flight)}
+        gone = fused_flight.frames[2].prior.frame
+        assert refined[flight.names[2]] == RefinedFrame(gone, None, None)
+        results = run.place_frames(located, fused_flight, refined)
     assert results[2] is located[2].result
     assert [result is entry.result for result, entry in zip(results, located, strict=True)] == [
         *(False, False, True, False)
@@ -323,13 +327,13 @@ def test_a_frame_that_a_corrected_clock_tips_over_keeps_its_own_answer(
     lanes: PosedFlight, clean: Fused
 ) -> None:
     """In a steep turn a second makes the difference between the ground and the horizon."""
-    tipped = list(clean.survey.near_priors)
+    tipped = list(clean.flight.corrected_priors)
     over = math.radians(91.0 - HFOV_DEG / 2)
     tipped[3] = replace(tipped[3], attitude=Attitude(over, 0.0, 0.0))
-    survey = replace(clean.survey, near_priors=tuple(tipped))
+    fused_flight = replace(clean.flight, corrected_priors=tuple(tipped))
     with opened(lanes, **QUICK) as run:
-        near = {look.frame.name: look for look in run.look_again(survey)}
-        assert near[lanes.names[3]].likelihood is None
-        results = run.fuse(clean.located, survey, near)
+        refined = {entry.frame.name: entry for entry in run.refine(fused_flight)}
+        assert refined[lanes.names[3]].likelihood is None
+        results = run.place_frames(clean.located, fused_flight, refined)
     assert results[3] is clean.located[3].result
     assert sum(isinstance(r, Fix) and r.source is Source.FUSED for r in results) == len(results) - 1

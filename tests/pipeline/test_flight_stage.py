@@ -1,4 +1,4 @@
-"""The second look reaches as far as the first may err, on a grid of bounded size."""
+"""The refinement reaches as far as the search may err, on a grid of bounded size."""
 
 from types import SimpleNamespace
 from typing import cast
@@ -8,13 +8,13 @@ from frame_results import make_failure, make_fix, make_likelihood, make_prior
 
 from uasthn_cli.fusion.offsets import OffsetGrid, grid_of_radius
 from uasthn_cli.pipeline.flight_stage import FlightStage, flight_frames
-from uasthn_cli.pipeline.look import Looker
+from uasthn_cli.pipeline.frame_matcher import FrameMatcher
 from uasthn_cli.types import Located, Reason
 
 
-def near_grid(pitch_m: float, search: OffsetGrid) -> OffsetGrid:
-    looker = cast(Looker, SimpleNamespace(pitch_m=pitch_m))
-    return FlightStage(looker, looker, search, lambda _: {}).near_grid
+def refine_grid(pitch_m: float, search: OffsetGrid) -> OffsetGrid:
+    matcher = cast(FrameMatcher, SimpleNamespace(pitch_m=pitch_m, local=None))
+    return FlightStage(matcher, matcher, search, lambda _: {}).refine_grid
 
 
 @pytest.mark.parametrize(
@@ -27,10 +27,10 @@ def near_grid(pitch_m: float, search: OffsetGrid) -> OffsetGrid:
         (1.0, 5000.0, 62.5),  # cells of 50 m
     ],
 )
-def test_the_second_look_reaches_beyond_a_cell_of_the_first(
+def test_the_refinement_reaches_beyond_a_cell_of_the_search(
     pitch_m: float, radius_m: float, reach_m: float
 ) -> None:
-    grid = near_grid(pitch_m, grid_of_radius(radius_m, pitch_m))
+    grid = refine_grid(pitch_m, grid_of_radius(radius_m, pitch_m))
     assert grid.half * grid.cell_m == pytest.approx(reach_m, abs=grid.cell_m / 2)
     assert grid.size <= 301
     if reach_m <= 25.0:

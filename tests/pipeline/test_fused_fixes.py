@@ -13,7 +13,7 @@ from uasthn_cli.fusion.constants import FlightConstants
 from uasthn_cli.fusion.offsets import OffsetGrid
 from uasthn_cli.geometry.geodesy import LocalFrame, distance_m
 from uasthn_cli.ingest.cameras import CameraSpec
-from uasthn_cli.pipeline.flight_stage import Survey, moved_prior
+from uasthn_cli.pipeline.flight_stage import FusedFlight, moved_prior
 from uasthn_cli.pipeline.fused_fixes import fused_offsets_m, place_from_geometry, support_of
 from uasthn_cli.types import Attitude, FrameFile, OffsetLikelihood, Prior
 
@@ -77,9 +77,9 @@ def hill(grid: OffsetGrid, column: int, centre_m: tuple[float, float]) -> Offset
 WIDE, NEAR = OffsetGrid(20, 4.0), OffsetGrid(12, 0.5)
 
 
-def survey_of(*offsets_m: tuple[float, float]) -> Survey:
+def flight_of(*offsets_m: tuple[float, float]) -> FusedFlight:
     posterior = np.exp(hill(WIDE, WIDE.half, (0.0, 0.0)).log_likelihood)
-    return Survey(
+    return FusedFlight(
         frames=(),
         times_s=np.arange(float(len(offsets_m))),
         offsets_m=np.array(offsets_m),
@@ -87,30 +87,30 @@ def survey_of(*offsets_m: tuple[float, float]) -> Survey:
         grid=WIDE,
         diffusion_m_per_sqrt_s=0.5,
         constants=FlightConstants(),
-        near_priors=(),
+        corrected_priors=(),
     )
 
 
 def test_the_second_look_moves_a_frame_within_its_cell() -> None:
-    survey = survey_of((8.0, 4.0), (8.0, 4.0))
-    near = [hill(NEAR, NEAR.half + 3, (8.0, 4.0)), hill(NEAR, NEAR.half + 3, (8.0, 4.0))]
-    offsets_m, covariances_m2 = fused_offsets_m(survey, near, NEAR)
+    flight = flight_of((8.0, 4.0), (8.0, 4.0))
+    refined = [hill(NEAR, NEAR.half + 3, (8.0, 4.0)), hill(NEAR, NEAR.half + 3, (8.0, 4.0))]
+    offsets_m, covariances_m2 = fused_offsets_m(flight, refined, NEAR)
     assert offsets_m == pytest.approx(np.array([[9.5, 4.0]] * 2), abs=0.1)
     assert np.sqrt(covariances_m2[:, 0, 0]).max() < 1.5
 
 
 def test_a_frame_that_shows_nothing_near_follows_its_neighbours_and_is_less_sure() -> None:
-    survey = survey_of(*[(8.0, 4.0)] * 3)
+    flight = flight_of(*[(8.0, 4.0)] * 3)
     seen = hill(NEAR, NEAR.half + 3, (8.0, 4.0))
-    offsets_m, covariances_m2 = fused_offsets_m(survey, [seen, None, seen], NEAR)
+    offsets_m, covariances_m2 = fused_offsets_m(flight, [seen, None, seen], NEAR)
     assert offsets_m[1] == pytest.approx([9.5, 4.0], abs=0.2)
     spread = np.trace(covariances_m2, axis1=1, axis2=2)
     assert spread[1] > spread[0]
 
 
 def test_without_any_second_look_the_first_fusion_stands() -> None:
-    survey = survey_of((0.0, 0.0), (0.0, 0.0))
-    offsets_m, covariances_m2 = fused_offsets_m(survey, [None, None], NEAR)
-    assert offsets_m.tolist() == survey.offsets_m.tolist()
+    flight = flight_of((0.0, 0.0), (0.0, 0.0))
+    offsets_m, covariances_m2 = fused_offsets_m(flight, [None, None], NEAR)
+    assert offsets_m.tolist() == flight.offsets_m.tolist()
     # two cells of 4 m per axis, and the cell's own variance
     assert covariances_m2[0] == pytest.approx(np.eye(2) * (64.0 + 16 / 12), rel=0.1)

@@ -193,16 +193,6 @@ def test_a_run_tells_what_was_chosen(run: Run) -> None:
     assert MAP_CRS.removeprefix("EPSG:") in run.map_crs
 
 
-def test_flights_of_one_area_share_the_maps_grid(tmp_path: Path) -> None:
-    described = []
-    for number, height_m in enumerate((95.0, 95.8)):
-        poses = (Pose(190.0 + 15 * number, 200.0, height_m=height_m),)
-        with opened(make_posed_flight(tmp_path / str(number), poses)) as run:
-            described.append(run.describe())
-    for name in ("map_gsd_m", "near_map_gsd_m", "local_origin"):
-        assert described[0][name] == described[1][name]
-
-
 def test_a_coarse_map_is_enlarged_only_so_far(tmp_path: Path) -> None:
     low = make_posed_flight(tmp_path, (Pose(180.0, 170.0, height_m=40.0),))
     with opened(low) as run:

@@ -22,13 +22,13 @@ from uasthn_cli.report.trust import (
 )
 from uasthn_cli.types import BoolArray, FloatArray
 
-# Few distinct doubts: ties are the hard case.
+# Few distinct uncertainties: ties are the hard case.
 ANSWERS = st.lists(st.tuples(st.integers(0, 8), st.booleans()), min_size=1, max_size=60)
 
 
 def arrays(answers: list[tuple[int, bool]]) -> tuple[FloatArray, BoolArray]:
-    doubt, wrong = zip(*answers, strict=True)
-    return np.array(doubt, dtype=np.float64), np.array(wrong)
+    uncertainty, wrong = zip(*answers, strict=True)
+    return np.array(uncertainty, dtype=np.float64), np.array(wrong)
 
 
 def test_roc_by_hand() -> None:
@@ -41,15 +41,15 @@ def test_roc_by_hand() -> None:
 
 @given(ANSWERS)
 def test_auc_is_the_mann_whitney_statistic(answers: list[tuple[int, bool]]) -> None:
-    doubt, wrong = arrays(answers)
-    roc = roc_curve(doubt, wrong)
+    uncertainty, wrong = arrays(answers)
+    roc = roc_curve(uncertainty, wrong)
     if wrong.all() or not wrong.any():
         assert roc is None
         return
     assert roc is not None
-    u = mannwhitneyu(doubt[wrong], doubt[~wrong], method="asymptotic").statistic
+    u = mannwhitneyu(uncertainty[wrong], uncertainty[~wrong], method="asymptotic").statistic
     assert roc.auc == pytest.approx(u / (wrong.sum() * (~wrong).sum()))
-    opposite = roc_curve(-doubt, wrong)
+    opposite = roc_curve(-uncertainty, wrong)
     assert opposite is not None
     assert roc.auc + opposite.auc == pytest.approx(1.0)
     for rate in (roc.true_positive_rate, roc.false_positive_rate):
@@ -73,8 +73,8 @@ def test_risk_coverage_asks_only_for_the_order(
 ) -> None:
     curve = risk_coverage(*arrays(answers))
     random.shuffle(answers)
-    doubt, wrong = arrays(answers)
-    other = risk_coverage(np.exp(doubt) - 100.0, wrong)
+    uncertainty, wrong = arrays(answers)
+    other = risk_coverage(np.exp(uncertainty) - 100.0, wrong)
     assert curve is not None
     assert other is not None
     assert_allclose(curve.risk, other.risk)
@@ -87,10 +87,10 @@ def test_risk_coverage_asks_only_for_the_order(
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.booleans()), min_size=1, max_size=5))
 def test_ties_stand_for_the_mean_over_their_orders(answers: list[tuple[int, bool]]) -> None:
-    doubt, wrong = arrays(answers)
-    curve = risk_coverage(doubt, wrong)
+    uncertainty, wrong = arrays(answers)
+    curve = risk_coverage(uncertainty, wrong)
     orders = [np.array(order) for order in permutations(range(len(answers)))]
-    broken = [risk_coverage(10.0 * doubt + order, wrong) for order in orders]
+    broken = [risk_coverage(10.0 * uncertainty + order, wrong) for order in orders]
     assert curve is not None
     assert_allclose(curve.risk, np.mean([one.risk for one in broken if one], axis=0))
 

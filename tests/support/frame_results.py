@@ -16,10 +16,10 @@ from uasthn_cli.types import (
     FrameFile,
     FrameResult,
     Located,
-    NearLook,
     OffsetLikelihood,
     Prior,
     Reason,
+    RefinedFrame,
     Source,
     Trust,
 )
@@ -117,10 +117,10 @@ def located(result: FrameResult) -> Located:
     return Located(result, None)
 
 
-def make_near_look(name: str = "a.png", **changes: Any) -> NearLook:
-    """Return a second look at a frame."""
+def make_refined_frame(name: str = "a.png", **changes: Any) -> RefinedFrame:
+    """Return a frame refined near its place."""
     camera = CameraModel(640, 512, 700.0, 700.0, 319.5, 255.5, (0.1, -0.05), 0.25)
-    return replace(NearLook(make_frame(name), camera, make_likelihood(7, 1)), **changes)
+    return replace(RefinedFrame(make_frame(name), camera, make_likelihood(7, 1)), **changes)
 
 
 def make_record(**changes: Any) -> RunRecord:

@@ -7,7 +7,7 @@ import numpy as np
 from posed_flight import SIZE_PX, FloatArray, Pose, PosedFlight, corner_pixels, degrees, ground_m
 
 from uasthn_cli.geometry.geodesy import distance_m
-from uasthn_cli.pipeline import Run, Survey, drive
+from uasthn_cli.pipeline import FusedFlight, Run, drive
 from uasthn_cli.types import Fix, FrameResult, Located
 
 LANES, FRAMES_A_LANE = 8, 4
@@ -35,7 +35,7 @@ class Fused:
     """What frames gave alone, the flight they make, and its answers."""
 
     located: list[Located]
-    survey: Survey
+    flight: FusedFlight
     results: list[FrameResult]
 
     @property
@@ -56,8 +56,8 @@ class Fused:
 def fused(run: Run) -> Fused:
     """Take a run through all of its steps."""
     outcome = drive(run)
-    assert outcome.survey is not None
-    return Fused(list(outcome.located), outcome.survey, outcome.results)
+    assert outcome.flight is not None
+    return Fused(list(outcome.located), outcome.flight, outcome.results)
 
 
 def errors_m(fixes: Sequence[Fix], flight: PosedFlight) -> FloatArray:

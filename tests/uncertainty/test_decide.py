@@ -15,7 +15,7 @@ from uasthn_cli.config import (
 )
 from uasthn_cli.geometry.corners import image_corners_px
 from uasthn_cli.types import FloatArray, Reason
-from uasthn_cli.uncertainty.decide import doubt, impossible_corners, scalar_uncertainty
+from uasthn_cli.uncertainty.decide import impossible_corners, rejection_reason, scalar_uncertainty
 
 FULL = image_corners_px(64, 48)
 STD_M = np.array([[4.0, 5.0], [6.0, 7.0], [8.0, 9.0], [10.0, 19.0]])
@@ -23,14 +23,14 @@ WINDOW_M = 512.0
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
 
 
-def judge(
+def reason_of(
     config: DecisionConfig,
     uncertainty_m: float = 4.0,
     confidence: float = 0.9,
     risk: float = math.nan,
     max_risk: float | None = None,
 ) -> Reason | None:
-    return doubt(uncertainty_m, confidence, risk, WINDOW_M, config, max_risk)
+    return rejection_reason(uncertainty_m, confidence, risk, WINDOW_M, config, max_risk)
 
 
 @pytest.mark.parametrize(
@@ -43,62 +43,62 @@ def test_rules_name_the_deviation_that_decides(rule: Rule, expected: float) -> N
 def test_the_papers_rule_rejects_when_every_deviation_is_larger() -> None:
     config = DecisionConfig(max_std_m=3.9)
     assert config.rule is Rule.ALL
-    assert judge(config, scalar_uncertainty(STD_M, config.rule)) is Reason.UNCERTAIN
+    assert reason_of(config, scalar_uncertainty(STD_M, config.rule)) is Reason.UNCERTAIN
     one_is_small = STD_M.copy()
     one_is_small[2, 1] = 3.8
-    assert judge(config, scalar_uncertainty(one_is_small, config.rule)) is None
+    assert reason_of(config, scalar_uncertainty(one_is_small, config.rule)) is None
 
 
 def test_what_equals_the_threshold_is_not_above_it() -> None:
-    assert judge(DecisionConfig(max_std_m=4.0)) is None
-    assert judge(DecisionConfig(max_std_m=math.nextafter(4.0, 0.0))) is Reason.UNCERTAIN
+    assert reason_of(DecisionConfig(max_std_m=4.0)) is None
+    assert reason_of(DecisionConfig(max_std_m=math.nextafter(4.0, 0.0))) is Reason.UNCERTAIN
 
 
 def test_convention_thresholds_in_pixels_count_at_a_window_of_256() -> None:
-    assert judge(DecisionConfig(max_std_px=2.01)) is None
-    assert judge(DecisionConfig(max_std_px=1.99)) is Reason.UNCERTAIN
+    assert reason_of(DecisionConfig(max_std_px=2.01)) is None
+    assert reason_of(DecisionConfig(max_std_px=1.99)) is Reason.UNCERTAIN
 
 
 @pytest.mark.parametrize("confidence", [0.49, 0.0, math.nan])
 def test_little_belief_is_ambiguous(confidence: float) -> None:
     config = DecisionConfig(min_confidence=0.5)
-    assert judge(config, confidence=confidence) is Reason.AMBIGUOUS
-    assert judge(config, confidence=0.5) is None
+    assert reason_of(config, confidence=confidence) is Reason.AMBIGUOUS
+    assert reason_of(config, confidence=0.5) is None
 
 
 def test_without_calibration_and_limits_the_fallbacks_decide() -> None:
     config = DecisionConfig()
-    assert judge(config, FALLBACK_MAX_STD_M, FALLBACK_MIN_CONFIDENCE) is None
-    assert judge(config, FALLBACK_MAX_STD_M + 0.01, 1.0) is Reason.UNCERTAIN
-    assert judge(config, 0.0, FALLBACK_MIN_CONFIDENCE - 0.01) is Reason.AMBIGUOUS
+    assert reason_of(config, FALLBACK_MAX_STD_M, FALLBACK_MIN_CONFIDENCE) is None
+    assert reason_of(config, FALLBACK_MAX_STD_M + 0.01, 1.0) is Reason.UNCERTAIN
+    assert reason_of(config, 0.0, FALLBACK_MIN_CONFIDENCE - 0.01) is Reason.AMBIGUOUS
 
 
 def test_one_limit_of_the_users_leaves_the_other_fallback() -> None:
     lenient = DecisionConfig(max_std_m=99.0)
-    assert judge(lenient, 98.0, FALLBACK_MIN_CONFIDENCE - 0.01) is Reason.AMBIGUOUS
-    assert judge(DecisionConfig(max_std_px=49.0), 97.0, 1.0) is None
+    assert reason_of(lenient, 98.0, FALLBACK_MIN_CONFIDENCE - 0.01) is Reason.AMBIGUOUS
+    assert reason_of(DecisionConfig(max_std_px=49.0), 97.0, 1.0) is None
     trusting = DecisionConfig(min_confidence=0.0)
-    assert judge(trusting, FALLBACK_MAX_STD_M + 0.01, 0.0) is Reason.UNCERTAIN
+    assert reason_of(trusting, FALLBACK_MAX_STD_M + 0.01, 0.0) is Reason.UNCERTAIN
 
 
 def test_with_a_calibration_only_the_risk_counts() -> None:
     config = DecisionConfig()
-    assert judge(config, 1e6, 0.0, risk=0.1, max_risk=0.1) is None
-    assert judge(config, math.nan, math.nan, risk=0.0, max_risk=0.1) is None
-    assert judge(config, 0.0, 1.0, risk=0.1001, max_risk=0.1) is Reason.RISKY
+    assert reason_of(config, 1e6, 0.0, risk=0.1, max_risk=0.1) is None
+    assert reason_of(config, math.nan, math.nan, risk=0.0, max_risk=0.1) is None
+    assert reason_of(config, 0.0, 1.0, risk=0.1001, max_risk=0.1) is Reason.RISKY
 
 
 @pytest.mark.parametrize("risk", [math.nan, 1.0])
 def test_a_risk_that_nobody_knows_is_too_high(risk: float) -> None:
-    assert judge(DecisionConfig(), risk=risk, max_risk=0.99) is Reason.RISKY
+    assert reason_of(DecisionConfig(), risk=risk, max_risk=0.99) is Reason.RISKY
 
 
 def test_limits_of_the_users_hold_beside_a_calibration() -> None:
     config = DecisionConfig(max_std_m=3.0, min_confidence=0.5)
-    assert judge(config, 3.1, 0.4, risk=1.0, max_risk=0.1) is Reason.UNCERTAIN
-    assert judge(config, 3.0, 0.4, risk=1.0, max_risk=0.1) is Reason.AMBIGUOUS
-    assert judge(config, 3.0, 0.5, risk=1.0, max_risk=0.1) is Reason.RISKY
-    assert judge(config, 3.0, 0.5, risk=0.1, max_risk=0.1) is None
+    assert reason_of(config, 3.1, 0.4, risk=1.0, max_risk=0.1) is Reason.UNCERTAIN
+    assert reason_of(config, 3.0, 0.4, risk=1.0, max_risk=0.1) is Reason.AMBIGUOUS
+    assert reason_of(config, 3.0, 0.5, risk=1.0, max_risk=0.1) is Reason.RISKY
+    assert reason_of(config, 3.0, 0.5, risk=0.1, max_risk=0.1) is None
 
 
 @given(confidence=NUMBERS, uncertainty_m=NUMBERS, risk=st.floats(0, 1), larger=st.floats(0, 1))
@@ -106,13 +106,13 @@ def test_a_larger_limit_never_rejects_more(
     confidence: float, uncertainty_m: float, risk: float, larger: float
 ) -> None:
     for limit in (risk / 2, risk):
-        if judge(DecisionConfig(), uncertainty_m, confidence, risk, limit) is None:
+        if reason_of(DecisionConfig(), uncertainty_m, confidence, risk, limit) is None:
             wider = min(1.0, limit + larger)
-            assert judge(DecisionConfig(), uncertainty_m, confidence, risk, wider) is None
+            assert reason_of(DecisionConfig(), uncertainty_m, confidence, risk, wider) is None
 
 
 def test_a_spread_that_is_no_number_is_uncertain() -> None:
-    assert judge(DecisionConfig(), math.nan) is Reason.UNCERTAIN
+    assert reason_of(DecisionConfig(), math.nan) is Reason.UNCERTAIN
 
 
 @pytest.mark.parametrize("scale", [0.74, 1.26])

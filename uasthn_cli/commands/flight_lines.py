@@ -6,30 +6,30 @@ from typing import Any
 
 from uasthn_cli.fusion.constants import Constant
 from uasthn_cli.ingest.cameras import CameraSpec
-from uasthn_cli.pipeline import Survey
+from uasthn_cli.pipeline import FusedFlight
 
 
-def flight_record(survey: Survey) -> dict[str, Any]:
+def flight_record(flight: FusedFlight) -> dict[str, Any]:
     """Return diffusion and constants with their standard errors, ready for ``run.json``."""
-    constants = survey.constants
+    constants = flight.constants
     return {
-        "diffusion_m_per_sqrt_s": survey.diffusion_m_per_sqrt_s,
+        "diffusion_m_per_sqrt_s": flight.diffusion_m_per_sqrt_s,
         "mount_yaw_deg": _entry(constants.yaw_rad, math.degrees(1.0)),
         "height_log_scale": _entry(constants.log_scale, 1.0),
         "clock_s": _entry(constants.clock_s, 1.0),
     }
 
 
-def flight_lines(camera: CameraSpec, survey: Survey) -> list[str]:
+def flight_lines(camera: CameraSpec, flight: FusedFlight) -> list[str]:
     """Return a line for each constant that is certain, with the option that states it next time.
 
     They were corrected in this run already.
     """
-    return list(_lines(camera, survey))
+    return list(_lines(camera, flight))
 
 
-def _lines(camera: CameraSpec, survey: Survey) -> Iterator[str]:
-    constants = survey.constants
+def _lines(camera: CameraSpec, flight: FusedFlight) -> Iterator[str]:
+    constants = flight.constants
     yaw, scale, clock = constants.yaw_rad, constants.log_scale, constants.clock_s
     if yaw is not None and yaw.is_significant:
         turn_deg, error_deg = math.degrees(yaw.value), math.degrees(yaw.error)

@@ -61,7 +61,7 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
                     stage_s={**run.timings, "write": outcome.write_s},
                 ),
                 calibration=run.calibration,
-                flight=None if outcome.survey is None else flight_record(outcome.survey),
+                flight=None if outcome.flight is None else flight_record(outcome.flight),
                 **_described(job, run),
             )
             crs = run.map_crs if target.crs == MAP_CRS else target.crs

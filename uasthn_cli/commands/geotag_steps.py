@@ -9,9 +9,9 @@ from typing import Final
 from uasthn_cli.commands.console import progress
 from uasthn_cli.commands.flight_lines import flight_lines
 from uasthn_cli.errors import RunInterruptedError
-from uasthn_cli.outputs.journal import LOCATED, NEAR_LOOKS, Journal
+from uasthn_cli.outputs.journal import LOCATED, REFINED, Journal
 from uasthn_cli.pipeline import GeotagJob, Outcome, Run, drive
-from uasthn_cli.types import Fix, Located, NearLook
+from uasthn_cli.types import Fix, Located, RefinedFrame
 
 _UNFUSED: Final = (
     "Every frame stands alone: this estimator scores no places, so the flight cannot settle them"
@@ -20,15 +20,15 @@ _UNFUSED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class RunJournals:
-    """What frames gave alone, and what the second look at them gave, on disk."""
+    """What frames gave alone, and what refining them gave, on disk."""
 
     located: Journal[Located]
-    near: Journal[NearLook]
+    refined: Journal[RefinedFrame]
 
     def remove(self) -> None:
         """Delete both: the final results are written."""
         self.located.remove()
-        self.near.remove()
+        self.refined.remove()
 
 
 @contextmanager
@@ -36,9 +36,9 @@ def geotag_journals(out: Path, fingerprint: str) -> Iterator[RunJournals]:
     """Open the journals; where they hold no frame when the run ends badly, they leave no trace."""
     with (
         Journal(out, fingerprint, LOCATED) as located,
-        Journal(out, fingerprint, NEAR_LOOKS) as near,
+        Journal(out, fingerprint, REFINED) as refined,
     ):
-        journals = RunJournals(located, near)
+        journals = RunJournals(located, refined)
         try:
             yield journals
         except BaseException:
@@ -58,9 +58,9 @@ def finish_run(run: Run, journals: RunJournals) -> Outcome:
     try:
         return drive(run, journals, progress)
     except KeyboardInterrupt as interrupt:
-        alone, again = len(journals.located.finished), len(journals.near.finished)
+        alone, refined = len(journals.located.finished), len(journals.refined.finished)
         raise RunInterruptedError(
-            f"interrupted after {alone} of {len(run.names)} frames ({again} looked at again),"
+            f"interrupted after {alone} of {len(run.names)} frames ({refined} refined),"
             f" which are kept in {journals.located.path.parent}; give the same command again to"
             " go on"
         ) from interrupt
@@ -68,7 +68,7 @@ def finish_run(run: Run, journals: RunJournals) -> Outcome:
 
 def lines_of(job: GeotagJob, outcome: Outcome) -> list[str]:
     """Return what a person should hear of the flight: its constants, or why there is none."""
-    if outcome.survey is not None:
-        return flight_lines(job.camera, outcome.survey)
+    if outcome.flight is not None:
+        return flight_lines(job.camera, outcome.flight)
     is_missed = job.config.fuse and any(isinstance(result, Fix) for result in outcome.results)
     return [_UNFUSED] if is_missed and not job.spec.scores_shifts else []

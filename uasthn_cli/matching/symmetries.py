@@ -14,6 +14,9 @@ from uasthn_cli.types import BoolArray, ImageArray
 
 SYMMETRIES = 8
 
+_QUARTER_TURNS = (0, 2, 1, 3)
+"""Upside down comes second: two opposite orientations cancel an encoder's lopsidedness."""
+
 _T = TypeVar("_T", bound=np.generic)
 
 
@@ -29,7 +32,7 @@ def encode_symmetric(
     """
     stacked = []
     for index in range(symmetries):
-        turns, mirrored = index % 4, index >= 4
+        turns, mirrored = _QUARTER_TURNS[index % 4], index >= 4
         features = encode(_turn(image, turns, mirrored), _turn(valid, turns, mirrored))
         stacked.append(_turn_back(features, turns, mirrored))
     return np.concatenate(stacked)

@@ -14,9 +14,9 @@ from uasthn_cli.errors import OutputError
 from uasthn_cli.outputs.formatting import frame_of
 from uasthn_cli.outputs.result_json import (
     decode_located,
-    decode_near_look,
+    decode_refined_frame,
     encode_located,
-    encode_near_look,
+    encode_refined_frame,
 )
 
 LOGGER = logging.getLogger(__name__)
@@ -42,10 +42,13 @@ LOCATED: Final = JournalKind(
 )
 """What frames gave alone."""
 
-NEAR_LOOKS: Final = JournalKind(
-    ".near.partial.jsonl", encode_near_look, decode_near_look, lambda look: look.frame.name
+REFINED: Final = JournalKind(
+    ".near.partial.jsonl",
+    encode_refined_frame,
+    decode_refined_frame,
+    lambda entry: entry.frame.name,
 )
-"""Second looks, near where the flight settled."""
+"""Frames refined near where the flight settled."""
 
 JOURNAL_NAME: Final = LOCATED.file_name
 

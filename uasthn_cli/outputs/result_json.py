@@ -21,10 +21,10 @@ from uasthn_cli.types import (
     FrameFile,
     FrameResult,
     Located,
-    NearLook,
     OffsetLikelihood,
     Prior,
     Reason,
+    RefinedFrame,
     Source,
     Trust,
 )
@@ -58,19 +58,19 @@ def decode_located(line: str | bytes) -> Located:
         raise ValueError(f"not a result of this version: {error}") from error
 
 
-def encode_near_look(look: NearLook) -> str:
-    """Return a second look as one line of ASCII JSON without a line end."""
-    camera = None if look.camera is None else asdict(look.camera)
+def encode_refined_frame(refined: RefinedFrame) -> str:
+    """Return a refined frame as one line of ASCII JSON without a line end."""
+    camera = None if refined.camera is None else asdict(refined.camera)
     entry = {
-        "frame": asdict(look.frame),
+        "frame": asdict(refined.frame),
         "camera": camera,
-        "likelihood": _packed(look.likelihood),
+        "likelihood": _packed(refined.likelihood),
     }
     return json.dumps(entry, default=_plain)
 
 
-def decode_near_look(line: str | bytes) -> NearLook:
-    """Return what :func:`encode_near_look` wrote.
+def decode_refined_frame(line: str | bytes) -> RefinedFrame:
+    """Return what :func:`encode_refined_frame` wrote.
 
     Raises:
         ValueError: the line is torn, or of another version of the program.
@@ -80,9 +80,9 @@ def decode_near_look(line: str | bytes) -> NearLook:
         camera = entry["camera"]
         if camera is not None:
             camera = CameraModel(**(camera | {"distortion": tuple(camera["distortion"])}))
-        return NearLook(_frame(entry["frame"]), camera, _unpacked(entry["likelihood"]))
+        return RefinedFrame(_frame(entry["frame"]), camera, _unpacked(entry["likelihood"]))
     except (KeyError, TypeError, AttributeError, zlib.error) as error:
-        raise ValueError(f"not a look of this version: {error}") from error
+        raise ValueError(f"not a refined frame of this version: {error}") from error
 
 
 def _plain(value: Any) -> Any:

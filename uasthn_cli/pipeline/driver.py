@@ -1,6 +1,6 @@
-"""The steps of a run, driven once for everybody: frames alone, the flight, frames again.
+"""The steps of a run, driven once for everybody: frames alone, the flight, frames refined.
 
-Results hold by frame, not by the order in which frames were finished: whoever looks at several at a
+Results hold by frame, not by the order in which frames were finished: whoever works on several at a
 time may hand them over as they come.
 """
 
@@ -11,14 +11,14 @@ from time import perf_counter
 from typing import Final, Generic, Protocol, TypeVar, overload
 
 from uasthn_cli.outputs.formatting import frame_of
-from uasthn_cli.pipeline.flight_stage import Survey
+from uasthn_cli.pipeline.flight_stage import FusedFlight
 from uasthn_cli.pipeline.run import Run
-from uasthn_cli.types import FrameResult, Located, NearLook
+from uasthn_cli.types import FrameResult, Located, RefinedFrame
 
 T = TypeVar("T")
 
 ALONE: Final = "geo-tagging"
-AGAIN: Final = "looking again"
+REFINING: Final = "refining"
 
 Progress = Callable[[str, int, int], AbstractContextManager[Callable[[int], None]]]
 """Given a step's name, its number of frames and how many are done already: opens what is told how
@@ -37,14 +37,14 @@ class Keeper(Protocol[T]):
 
 
 class Journals(Protocol):
-    """What frames gave alone, and what the second look at them gave."""
+    """What frames gave alone, and what refining them gave."""
 
     @property
     def located(self) -> Keeper[Located]:
         """Of each frame alone."""
 
     @property
-    def near(self) -> Keeper[NearLook]:
+    def refined(self) -> Keeper[RefinedFrame]:
         """Of each frame of the flight."""
 
 
@@ -71,19 +71,19 @@ class MemoryJournals:
     """Nothing survives the process."""
 
     located: Memory[Located] = field(default_factory=lambda: Memory(_located_name))
-    near: Memory[NearLook] = field(default_factory=lambda: Memory(_near_name))
+    refined: Memory[RefinedFrame] = field(default_factory=lambda: Memory(_refined_name))
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """A finished run: what frames gave alone, the flight they make, the answers in frame order.
 
-    ``survey`` is None where frames stand alone, because nobody asked for more or they say too
+    ``flight`` is None where frames stand alone, because nobody asked for more or they say too
     little. ``computed_frames`` were not taken over from journals; ``write_s`` went into these.
     """
 
     located: Sequence[Located]
-    survey: Survey | None
+    flight: FusedFlight | None
     results: list[FrameResult]
     computed_frames: int
     write_s: float
@@ -127,13 +127,13 @@ def drive(run: Run, journals: Journals | None = None, progress: Progress = _sile
     write_s = _keep(ALONE, len(run.names), kept.located, entries, progress)
     located = _InOrder(run.names, kept.located.finished)
     computed = len(located) - len(taken_over)
-    survey = run.survey(located) if run.fuses else None
-    if survey is None:
+    flight = run.fuse_flight(located) if run.fuses else None
+    if flight is None:
         return Outcome(located, None, [entry.result for entry in located], computed, write_s)
-    again = run.look_again(survey, frozenset(kept.near.finished))
-    write_s += _keep(AGAIN, len(survey.frames), kept.near, again, progress)
-    results = run.fuse(located, survey, kept.near.finished)
-    return Outcome(located, survey, results, computed, write_s)
+    refined = run.refine(flight, frozenset(kept.refined.finished))
+    write_s += _keep(REFINING, len(flight.frames), kept.refined, refined, progress)
+    results = run.place_frames(located, flight, kept.refined.finished)
+    return Outcome(located, flight, results, computed, write_s)
 
 
 def _keep(
@@ -154,5 +154,5 @@ def _located_name(located: Located) -> str:
     return frame_of(located.result).name
 
 
-def _near_name(look: NearLook) -> str:
-    return look.frame.name
+def _refined_name(entry: RefinedFrame) -> str:
+    return entry.frame.name

@@ -1,5 +1,6 @@
 """Open the networks of a run: the base network, and further members of its ensemble."""
 
+from uasthn_cli.config import COARSE_REFINE_SYMMETRIES
 from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.registry import open_estimator
 from uasthn_cli.pipeline.job import GeotagJob, chosen_uncertainty
@@ -28,13 +29,17 @@ def open_base(
     )
 
 
-def open_near(job: GeotagJob, base: Estimator) -> Estimator:
-    """Return who looks near a known place: one orientation is enough for that.
+def open_refine_estimator(job: GeotagJob, base: Estimator, *, is_finer: bool) -> Estimator:
+    """Return what refines near a known place, on a finer grid than the search's or on the same.
+
+    On a coarse grid a network's own lopsidedness matters: seen upside down too, it cancels.
 
     Raises:
         WeightsError: the weights cannot be used.
     """
-    return open_base(job, symmetries=1) if job.spec.has_symmetries else base
+    if not job.spec.has_symmetries:
+        return base
+    return open_base(job, symmetries=1 if is_finer else COARSE_REFINE_SYMMETRIES)
 
 
 def open_members(job: GeotagJob) -> list[Estimator]:

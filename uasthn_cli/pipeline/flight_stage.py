@@ -1,4 +1,4 @@
-"""The whole flight: fuse what frames gave alone, learn its constants, look again, place anew."""
+"""The whole flight: fuse what frames gave alone, learn its constants, refine, place anew."""
 
 import logging
 import math
@@ -21,8 +21,8 @@ from uasthn_cli.fusion.forward_backward import smooth
 from uasthn_cli.fusion.offsets import OffsetGrid, best_offset_m
 from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.geodesy import LocalFrame
-from uasthn_cli.pipeline.likelihoods import likelihood_of_look
-from uasthn_cli.pipeline.look import Looker, LookError, Scene
+from uasthn_cli.pipeline.frame_matcher import FrameMatcher, Scene, UnmatchableFrameError
+from uasthn_cli.pipeline.likelihoods import likelihood_of_match
 from uasthn_cli.seam import Aligner, Similarity
 from uasthn_cli.types import (
     Attitude,
@@ -33,9 +33,9 @@ from uasthn_cli.types import (
     FrameFailure,
     FrameResult,
     Located,
-    NearLook,
     Prior,
     Reason,
+    RefinedFrame,
 )
 
 _log = logging.getLogger(__name__)
@@ -45,12 +45,12 @@ PLACEABLE = (Reason.TEXTURELESS, Reason.OFF_MAP, Reason.DEGENERATE_HOMOGRAPHY)
 
 _CONSTANTS_FRAMES = 12
 _CONFIDENT = 0.5
-_NEAR_REACH_M = 15.0
-_NEAR_REACH_PITCHES = 5
-_NEAR_REACH_CELLS = 1.25  # of the search's grid: a wide search is known to one of its cells
-_NEAR_CELLS_PER_PITCH = 4
-_NEAR_LARGEST_HALF = 150
-_NEAR_MARGIN_PITCHES = 3
+_REFINE_REACH_M = 15.0
+_REFINE_REACH_PITCHES = 5
+_REFINE_REACH_CELLS = 1.25  # of the search's grid: a wide search is known to one of its cells
+_REFINE_CELLS_PER_PITCH = 4
+_REFINE_LARGEST_HALF = 150
+_REFINE_MARGIN_PITCHES = 3
 _WHOLE_FRAME = CropTtaConfig(views=1)
 
 RebuildPriors = Callable[[float], dict[str, Prior]]
@@ -71,12 +71,12 @@ class FlightFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Survey:
+class FusedFlight:
     """A flight after the first fusion.
 
     ``frames`` in order of time, ``offsets_m`` ``(T, 2)`` (east, north) the error of each logged
-    position, ``posteriors`` those over the whole search area, each ``(n, n)``, ``near_priors`` what
-    is known of each frame now.
+    position, ``posteriors`` those over the whole search area, each ``(n, n)``,
+    ``corrected_priors`` what is known of each frame now.
     """
 
     frames: tuple[FlightFrame, ...]
@@ -86,34 +86,34 @@ class Survey:
     grid: OffsetGrid
     diffusion_m_per_sqrt_s: float
     constants: FlightConstants
-    near_priors: tuple[Prior, ...]
+    corrected_priors: tuple[Prior, ...]
 
 
 class FlightStage:
-    """Fuses a flight and looks at its frames again near where it settled."""
+    """Fuses a flight and refines its frames near where it settled."""
 
     def __init__(
         self,
-        wide: Looker,
-        near: Looker,
+        search_matcher: FrameMatcher,
+        refine_matcher: FrameMatcher,
         grid: OffsetGrid,
         rebuild_priors: RebuildPriors,
     ) -> None:
-        """Keep how the flight was searched and how it is looked at again."""
-        self._wide, self._near, self._grid = wide, near, grid
+        """Keep how the flight was searched and is refined."""
+        self._search_matcher, self._refine_matcher = search_matcher, refine_matcher
+        self._grid, self._local = grid, search_matcher.local
         self._rebuild_priors = rebuild_priors
-        self._reach_m = max(
-            _NEAR_REACH_M, _NEAR_REACH_PITCHES * near.pitch_m, _NEAR_REACH_CELLS * grid.cell_m
-        )
+        pitches_m = _REFINE_REACH_PITCHES * refine_matcher.pitch_m
+        self._reach_m = max(_REFINE_REACH_M, pitches_m, _REFINE_REACH_CELLS * grid.cell_m)
 
     @property
-    def near_grid(self) -> OffsetGrid:
-        """The offsets that the second look tells apart."""
-        finest_m = self._reach_m / _NEAR_LARGEST_HALF
-        cell_m = max(self._near.pitch_m / _NEAR_CELLS_PER_PITCH, finest_m)
+    def refine_grid(self) -> OffsetGrid:
+        """The offsets that the refinement tells apart."""
+        finest_m = self._reach_m / _REFINE_LARGEST_HALF
+        cell_m = max(self._refine_matcher.pitch_m / _REFINE_CELLS_PER_PITCH, finest_m)
         return OffsetGrid(round(self._reach_m / cell_m), cell_m)
 
-    def survey(self, located: Iterable[Located]) -> Survey | None:
+    def fuse(self, located: Iterable[Located]) -> FusedFlight | None:
         """Fuse what frames gave alone; None where no frame says anything.
 
         ``located`` is read once, an entry at a time, and likelihoods go to disk.
@@ -131,7 +131,7 @@ class FlightStage:
             [best_offset_m(entry, cell_m, np.zeros(2)) for entry in smoothed.posteriors]
         )
         constants = self._constants(frames, offsets_m, velocities_m_s)
-        return Survey(
+        return FusedFlight(
             frames=frames,
             times_s=times_s,
             offsets_m=offsets_m,
@@ -139,26 +139,27 @@ class FlightStage:
             grid=self._grid,
             diffusion_m_per_sqrt_s=diffusion,
             constants=constants,
-            near_priors=self._near_priors(frames, offsets_m, constants),
+            corrected_priors=self._corrected_priors(frames, offsets_m, constants),
         )
 
-    def look_again(self, survey: Survey, index: int) -> NearLook:
+    def refine(self, flight: FusedFlight, index: int) -> RefinedFrame:
         """Return how well frame ``index`` fits around where the flight has it."""
-        prior, centre_m = survey.near_priors[index], survey.offsets_m[index]
+        prior, centre_m = flight.corrected_priors[index], flight.offsets_m[index]
         # scores are interpolated: none that is excluded may lie beside the grid's corners
-        radius_m = math.sqrt(2.0) * self._reach_m + _NEAR_MARGIN_PITCHES * self._near.pitch_m
+        margin_m = _REFINE_MARGIN_PITCHES * self._refine_matcher.pitch_m
+        radius_m = math.sqrt(2.0) * self._reach_m + margin_m
         try:
-            look = self._near.look(prior, _WHOLE_FRAME, radius_m)
-        except LookError as error:
+            match = self._refine_matcher.match(prior, _WHOLE_FRAME, radius_m)
+        except UnmatchableFrameError as error:
             _log.debug("%s: %s", prior.frame.name, error)
-            return NearLook(prior.frame, self._camera(prior), None)
-        likelihood = likelihood_of_look(look, self.near_grid, centre_m)
-        return NearLook(prior.frame, look.scene.camera, likelihood)
+            return RefinedFrame(prior.frame, self._camera(prior), None)
+        likelihood = likelihood_of_match(match, self.refine_grid, centre_m)
+        return RefinedFrame(prior.frame, match.scene.camera, likelihood)
 
     def _camera(self, prior: Prior) -> CameraModel | None:
         try:
-            return self._near.camera_of(prior)
-        except LookError:
+            return self._refine_matcher.camera_of(prior)
+        except UnmatchableFrameError:
             return None
 
     def _velocities_m_s(self, frames: Sequence[FlightFrame]) -> FloatArray:
@@ -171,16 +172,14 @@ class FlightStage:
             name = frame.prior.frame.name
             end = later.get(name, frame.prior)
             start = frame.prior if name in later else earlier.get(name, frame.prior)
-            velocities.append(
-                _position_m(end, self._wide.local) - _position_m(start, self._wide.local)
-            )
+            velocities.append(_position_m(end, self._local) - _position_m(start, self._local))
         return np.array(velocities)
 
     def _constants(
         self, frames: Sequence[FlightFrame], offsets_m: FloatArray, velocities_m_s: FloatArray
     ) -> FlightConstants:
         """Estimate what stays wrong from frames that alone say what the flight says."""
-        sure = agreeing(frames, offsets_m, self._wide.local)
+        sure = agreeing(frames, offsets_m, self._local)
         sure &= np.array(
             [f.single is not None and f.single.trust.confidence > _CONFIDENT for f in frames]
         )
@@ -190,7 +189,7 @@ class FlightStage:
         views = self._views([(frames[i].prior, offsets_m[i]) for i in chosen.tolist()])
         times_s = np.array([frame.prior.time_utc_s for frame in frames])
         clock_s = clock_constant(
-            times_s[sure], offsets_m[sure], velocities_m_s[sure], self._wide.pitch_m
+            times_s[sure], offsets_m[sure], velocities_m_s[sure], self._search_matcher.pitch_m
         )
         yaw_rad, log_scale = views or (None, None)
         return FlightConstants(yaw_rad, log_scale, clock_s)
@@ -199,7 +198,7 @@ class FlightStage:
         self, places: Sequence[tuple[Prior, FloatArray]]
     ) -> tuple[Constant, Constant] | None:
         """Estimate turn and scale from frames, each with its offset; None from too few."""
-        estimator = self._near.estimator
+        estimator = self._refine_matcher.estimator
         if not isinstance(estimator, Aligner):
             return None
         seen = map(self._scene, places)
@@ -219,12 +218,13 @@ class FlightStage:
         """Return a frame near where its offset puts it; None where nothing can be seen."""
         prior, offset_m = place
         try:
-            return self._near.scene(moved_prior(prior, offset_m, self._near.local), self._reach_m)
-        except LookError as error:
+            moved = moved_prior(prior, offset_m, self._local)
+            return self._refine_matcher.scene(moved, self._reach_m)
+        except UnmatchableFrameError as error:
             _log.debug("%s: %s", prior.frame.name, error)
             return None
 
-    def _near_priors(
+    def _corrected_priors(
         self, frames: Sequence[FlightFrame], offsets_m: FloatArray, constants: FlightConstants
     ) -> tuple[Prior, ...]:
         """Return each prior moved to where the flight has it, and freed of the flight's constants.
@@ -236,7 +236,7 @@ class FlightStage:
             retimed = self._rebuild_priors(constants.clock_to_apply_s)
         corrected = []
         for frame, offset_m in zip(frames, offsets_m, strict=True):
-            moved = moved_prior(frame.prior, offset_m, self._wide.local)
+            moved = moved_prior(frame.prior, offset_m, self._local)
             posed = retimed.get(frame.prior.frame.name, frame.prior)
             attitude = posed.attitude
             turned = Attitude(

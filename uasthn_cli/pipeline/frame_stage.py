@@ -13,9 +13,9 @@ from uasthn_cli.geometry.corners import (
 )
 from uasthn_cli.geometry.geodesy import distance_m
 from uasthn_cli.geometry.placement import Placement, box_origin, place_frame, translation
-from uasthn_cli.pipeline.judge import Judge
-from uasthn_cli.pipeline.likelihoods import likelihood_of_look
-from uasthn_cli.pipeline.look import Look, Looker, LookError
+from uasthn_cli.pipeline.frame_matcher import FrameMatch, FrameMatcher, UnmatchableFrameError
+from uasthn_cli.pipeline.likelihoods import likelihood_of_match
+from uasthn_cli.pipeline.trust_model import TrustModel
 from uasthn_cli.types import (
     Fix,
     FloatArray,
@@ -39,10 +39,14 @@ class FrameStage:
     """Locates frames one by one."""
 
     def __init__(
-        self, looker: Looker, judge: Judge, config: GeotagConfig, uncertainty: UncertaintyChoice
+        self,
+        matcher: FrameMatcher,
+        trust_model: TrustModel,
+        config: GeotagConfig,
+        uncertainty: UncertaintyChoice,
     ) -> None:
-        """Keep how frames are looked at and judged, and how far their answers are known."""
-        self._looker, self._judge, self._config = looker, judge, config
+        """Keep how frames are matched and trusted, and how far their answers are known."""
+        self._matcher, self._trust_model, self._config = matcher, trust_model, config
         self._uncertainty = uncertainty
 
     @property
@@ -54,46 +58,46 @@ class FrameStage:
     @property
     def offset_grid(self) -> OffsetGrid:
         """The offsets within the search radius that are told apart."""
-        return grid_of_radius(self._config.search_radius_m, self._looker.pitch_m)
+        return grid_of_radius(self._config.search_radius_m, self._matcher.pitch_m)
 
     def locate(self, prior: Prior) -> Located:
         """Return where a frame was taken, or why that cannot be said."""
         try:
-            look = self._looker.look(prior, self.crops, self._config.search_radius_m)
+            match = self._matcher.match(prior, self.crops, self._config.search_radius_m)
             spread = spread_of_frame(
-                look.views_px,
-                look.estimate.corners_px,
+                match.views_px,
+                match.estimate.corners_px,
                 self._uncertainty,
-                members=look.members_px,
-                modelled_std=look.estimate.modelled_std_px,
+                members=match.members_px,
+                modelled_std=match.estimate.modelled_std_px,
             )
-            H_ortho_window = homography_from_corners(look.views_px[0], spread.corners_px)
-        except LookError as error:
+            H_ortho_window = homography_from_corners(match.views_px[0], spread.corners_px)
+        except UnmatchableFrameError as error:
             return Located(failure(prior, error.reason, error), None)
         except DegenerateHomographyError as error:
             return Located(failure(prior, Reason.DEGENERATE_HOMOGRAPHY, error), None)
-        likelihood = likelihood_of_look(look, self.offset_grid, np.zeros(2))
-        return Located(self._fix(prior, look, spread, H_ortho_window, likelihood), likelihood)
+        likelihood = likelihood_of_match(match, self.offset_grid, np.zeros(2))
+        return Located(self._fix(prior, match, spread, H_ortho_window, likelihood), likelihood)
 
     def _fix(
         self,
         prior: Prior,
-        look: Look,
+        match: FrameMatch,
         spread: Spread,
         H_ortho_window: FloatArray,
         likelihood: OffsetLikelihood | None,
     ) -> Fix:
-        local, grid = self._looker.local, self._looker.grid
-        placed = self._placed(look, H_ortho_window)
+        local, grid = self._matcher.local, self._matcher.grid
+        placed = self._placed(match, H_ortho_window)
         degrees = placed.in_degrees(local)
         prior_deg = np.array([prior.lat_deg, prior.lon_deg])
         offset_m = placed.camera_m - local.to_metres(prior_deg)
         std_m = spread.std_px * grid.gsd_m
         uncertainty_m = scalar_uncertainty(std_m, self._config.decision.rule)
-        trust = self._judge.single(
-            likelihood, offset_m, uncertainty_m, look.estimate.confidence, std_m
+        trust = self._trust_model.single(
+            likelihood, offset_m, uncertainty_m, match.estimate.confidence, std_m
         )
-        reason = self._reason(look, spread, uncertainty_m, trust)
+        reason = self._reason(match, spread, uncertainty_m, trust)
         return Fix(
             prior=prior,
             lat_deg=float(degrees[0, 0]),
@@ -112,24 +116,24 @@ class FrameStage:
         )
 
     def _reason(
-        self, look: Look, spread: Spread, uncertainty_m: float, trust: Trust
+        self, match: FrameMatch, spread: Spread, uncertainty_m: float, trust: Trust
     ) -> Reason | None:
         """Return why an estimate is rejected; one beyond the map's edge is, whatever else."""
-        if valid_fraction(look.scene.features, spread.corners_px) < _MIN_VALID_FRACTION:
+        if valid_fraction(match.scene.features, spread.corners_px) < _MIN_VALID_FRACTION:
             return Reason.OFF_MAP
         limit = self._config.decision.max_scale_error
         return impossible_corners(
-            look.views_px[0], spread.corners_px, limit
-        ) or self._judge.doubt_of_single(
-            uncertainty_m, trust, look.scene.features.box.width_px * self._looker.grid.gsd_m
+            match.views_px[0], spread.corners_px, limit
+        ) or self._trust_model.rejection_of_single(
+            uncertainty_m, trust, match.scene.features.box.width_px * self._matcher.grid.gsd_m
         )
 
-    def _placed(self, look: Look, H_ortho_window: FloatArray) -> Placement:
-        scene = look.scene
+    def _placed(self, match: FrameMatch, H_ortho_window: FloatArray) -> Placement:
+        scene = match.scene
         H_ortho_grid = translation(box_origin(scene.features.box)) @ H_ortho_window
         nadir_grid_px = transform_points(H_ortho_grid, scene.thermal.nadir_px[None])[0]
         H_frame_grid = H_ortho_grid @ scene.thermal.H_frame_ortho
-        return place_frame(scene.camera, H_frame_grid, nadir_grid_px, self._looker.grid)
+        return place_frame(scene.camera, H_frame_grid, nadir_grid_px, self._matcher.grid)
 
 
 def valid_fraction(features: MapFeatures, corners_px: FloatArray) -> float:

@@ -20,12 +20,11 @@ from uasthn_cli.geometry.geodesy import LocalFrame, distance_m
 from uasthn_cli.geometry.placement import Placement, place_frame, translation
 from uasthn_cli.pipeline.flight_stage import (
     FlightFrame,
-    Survey,
+    FusedFlight,
     agreement_m,
     moved_prior,
 )
-from uasthn_cli.pipeline.judge import Agreement, Judge
-from uasthn_cli.pipeline.look import Looker
+from uasthn_cli.pipeline.trust_model import Agreement, TrustModel
 from uasthn_cli.types import (
     CameraModel,
     Fix,
@@ -33,10 +32,10 @@ from uasthn_cli.types import (
     FrameResult,
     Located,
     MapGrid,
-    NearLook,
     OffsetLikelihood,
     Prior,
     Reason,
+    RefinedFrame,
     Source,
     Trust,
 )
@@ -50,25 +49,25 @@ _METRE_GRID = MapGrid(gsd_m=1.0)
 
 
 def fused_offsets_m(
-    survey: Survey, near: Sequence[OffsetLikelihood | None], grid: OffsetGrid
+    flight: FusedFlight, refined: Sequence[OffsetLikelihood | None], grid: OffsetGrid
 ) -> tuple[FloatArray, FloatArray]:
-    """Return offsets ``(T, 2)`` and covariances ``(T, 2, 2)`` from the second look at all frames.
+    """Return offsets ``(T, 2)`` and covariances ``(T, 2, 2)`` from the refinement of all frames.
 
-    Where no frame says anything the second time, the first fusion stands.
+    Where no refined frame says anything, the first fusion stands.
     """
-    if not any(entry is not None for entry in near):
+    if not any(entry is not None for entry in refined):
         summaries = [
-            summarise_posterior(entry, survey.grid.cell_m, np.zeros(2), offset_m)
-            for entry, offset_m in zip(survey.posteriors, survey.offsets_m, strict=True)
+            summarise_posterior(entry, flight.grid.cell_m, np.zeros(2), offset_m)
+            for entry, offset_m in zip(flight.posteriors, flight.offsets_m, strict=True)
         ]
-        return survey.offsets_m, np.array([entry.covariance_m2 for entry in summaries])
+        return flight.offsets_m, np.array([entry.covariance_m2 for entry in summaries])
     centred = LikelihoodSpool(
         entry or flat_likelihood(grid, offset_m)
-        for entry, offset_m in zip(near, survey.offsets_m, strict=True)
+        for entry, offset_m in zip(refined, flight.offsets_m, strict=True)
     )
-    smoothed = smooth(centred, survey.times_s, survey.diffusion_m_per_sqrt_s)
+    smoothed = smooth(centred, flight.times_s, flight.diffusion_m_per_sqrt_s)
     offsets_m, covariances_m2 = [], []
-    for posterior, centre_m in zip(smoothed.posteriors, survey.offsets_m, strict=True):
+    for posterior, centre_m in zip(smoothed.posteriors, flight.offsets_m, strict=True):
         offset_m = best_offset_m(posterior, grid.cell_m, centre_m)
         summary = summarise_posterior(posterior, grid.cell_m, centre_m, offset_m)
         offsets_m.append(offset_m)
@@ -78,48 +77,47 @@ def fused_offsets_m(
 
 def fused_results(
     located: Iterable[Located],
-    survey: Survey,
-    near: Iterable[NearLook],
+    flight: FusedFlight,
+    refined: Iterable[RefinedFrame],
     grid: OffsetGrid,
-    judge: Judge,
-    looker: Looker,
+    trust_model: TrustModel,
+    local: LocalFrame,
 ) -> list[FrameResult]:
     """Return the flight's answer for every frame it can place; other frames keep their own.
 
-    ``near`` ``(T,)`` is the second look at the survey's frames, on offsets of ``grid``. Both are
+    ``refined`` ``(T,)`` are the flight's frames near their places, on offsets of ``grid``. Both are
     read once, an entry at a time.
     """
-    local = looker.local
-    cameras, likelihoods = _taken_apart(near)
-    offsets_m, covariances_m2 = fused_offsets_m(survey, likelihoods, grid)
-    apart_m = agreement_m(survey.frames, offsets_m, local)
-    support = support_of(_backing(survey.frames, apart_m))
+    cameras, likelihoods = _taken_apart(refined)
+    offsets_m, covariances_m2 = fused_offsets_m(flight, likelihoods, grid)
+    apart_m = agreement_m(flight.frames, offsets_m, local)
+    support = support_of(_backing(flight.frames, apart_m))
     answers: dict[str, Fix] = {}
-    for index, (frame, camera) in enumerate(zip(survey.frames, cameras, strict=True)):
-        moved_m = offsets_m[index] - survey.offsets_m[index]
-        posed = moved_prior(survey.near_priors[index], moved_m, local)
+    for index, (frame, camera) in enumerate(zip(flight.frames, cameras, strict=True)):
+        moved_m = offsets_m[index] - flight.offsets_m[index]
+        posed = moved_prior(flight.corrected_priors[index], moved_m, local)
         placed = None if camera is None else _placed(camera, posed, local)
         if placed is None:
             continue
         summary = summarise_posterior(
-            survey.posteriors[index], survey.grid.cell_m, np.zeros(2), offsets_m[index]
+            flight.posteriors[index], flight.grid.cell_m, np.zeros(2), offsets_m[index]
         )
         agreement = Agreement(float(apart_m[index]), float(support[index]))
         uncertainty_m = frame.single.uncertainty_m if frame.single else math.nan
-        trust = judge.fused(summary, covariances_m2[index], agreement, uncertainty_m)
-        reason = _reason(frame) or judge.doubt_of_fused(trust)
+        trust = trust_model.fused(summary, covariances_m2[index], agreement, uncertainty_m)
+        reason = _reason(frame) or trust_model.rejection_of_fused(trust)
         answers[frame.prior.frame.name] = _fix(frame, placed, trust, reason, local)
     return [answers.get(_name(entry.result), entry.result) for entry in located]
 
 
 def _taken_apart(
-    near: Iterable[NearLook],
+    refined: Iterable[RefinedFrame],
 ) -> tuple[list[CameraModel | None], LikelihoodSpool]:
-    """Return cameras and likelihoods of second looks, which are read once."""
+    """Return cameras and likelihoods of refined frames, which are read once."""
     cameras, likelihoods = [], LikelihoodSpool()
-    for look in near:
-        cameras.append(look.camera)
-        likelihoods.append(look.likelihood)
+    for frame in refined:
+        cameras.append(frame.camera)
+        likelihoods.append(frame.likelihood)
     return cameras, likelihoods
 
 

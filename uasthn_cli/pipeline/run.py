@@ -1,7 +1,5 @@
 """Open the inputs of a run and walk its frames."""
 
-import logging
-import math
 import os
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext
@@ -13,48 +11,36 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from uasthn_cli.config import (
-    GSD_STEP,
-    MAX_MAP_ENLARGEMENT,
-    NEAR_WIDTH_PX,
-    ORIGIN_STEP_DEG,
-    THERMAL_WIDTH_PX,
-    UeMethod,
-)
+from uasthn_cli.config import UeMethod
 from uasthn_cli.errors import NoPositionError
-from uasthn_cli.geometry.geodesy import LocalFrame
-from uasthn_cli.ingest.frames import UnreadableFrameError, frame_size_px, list_frames
+from uasthn_cli.ingest.frames import list_frames
 from uasthn_cli.ingest.mavlink import read_telemetry
 from uasthn_cli.ingest.priors import PriorSet, build_priors
 from uasthn_cli.ingest.telemetry import Telemetry
-from uasthn_cli.mapping.feature_store import open_store
-from uasthn_cli.mapping.reader import MapReader, native_gsd_m
-from uasthn_cli.mapping.tiles import EncodingCache, FeatureTiles
+from uasthn_cli.mapping.reader import native_gsd_m
 from uasthn_cli.pipeline.estimators import (
     open_base,
-    open_members,
-    open_near,
+    open_refine_estimator,
     says_deviations,
     settled_uncertainty,
 )
-from uasthn_cli.pipeline.flight_stage import FlightStage, RebuildPriors, Survey
+from uasthn_cli.pipeline.flight_stage import FlightStage, FusedFlight, RebuildPriors
+from uasthn_cli.pipeline.frame_matcher import FrameMatcher
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
 from uasthn_cli.pipeline.job import GeotagJob, chosen_calibration, chosen_jobs, chosen_uncertainty
-from uasthn_cli.pipeline.judge import Judge
-from uasthn_cli.pipeline.look import Looker
+from uasthn_cli.pipeline.matchers import MatcherBuilder, choose_gsds_m, shared_frame
 from uasthn_cli.pipeline.parallel import in_order, one_core_each
 from uasthn_cli.pipeline.timing import StageTimer
-from uasthn_cli.seam import CacheableEncoder, Estimator
+from uasthn_cli.pipeline.trust_model import TrustModel
+from uasthn_cli.seam import Estimator
 from uasthn_cli.types import (
-    CameraModel,
-    FloatArray,
     FrameFailure,
     FrameFile,
     FrameResult,
     Located,
-    NearLook,
     Prior,
+    RefinedFrame,
 )
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
@@ -62,17 +48,15 @@ _T = TypeVar("_T")
 _R = TypeVar("_R")
 
 _FINER = 0.8
-"""A grid for the second look must be this much finer than the search's to be worth having."""
-
-_log = logging.getLogger(__name__)
+"""A grid for the refinement must be this much finer than the search's to be worth having."""
 
 
 class Run:
     """An opened run: priors are known, the map is open, the estimator is loaded.
 
     Its steps, which :func:`uasthn_cli.pipeline.driver.drive` takes: frames are located one by one
-    (:meth:`locate`); with fusion, :meth:`survey` then settles the flight, :meth:`look_again` looks
-    at each frame near where it settled, and :meth:`fuse` ends it.
+    (:meth:`locate`); with fusion, :meth:`fuse_flight` then settles the flight, :meth:`refine`
+    matches each frame again near where it settled, and :meth:`place_frames` ends it.
     """
 
     def __init__(
@@ -80,23 +64,27 @@ class Run:
         job: GeotagJob,
         priors: PriorSet,
         rebuild: RebuildPriors,
-        lookers: tuple[Looker, Looker],
+        matchers: tuple[FrameMatcher, FrameMatcher],
         uncertainty: UncertaintyChoice,
         map_crs: str,
         map_pixel_m: float,
         timer: StageTimer,
     ) -> None:
-        """Wire the stages together; ``lookers`` see the wide search and what is near."""
+        """Wire the stages together; ``matchers`` search, and refine near a known place."""
         self.priors, self.map_crs, self._timer = priors, map_crs, timer
         self.camera, self.fuses, self._jobs = job.camera, job.config.fuse, chosen_jobs(job)
         self._shares_out = job.spec.works_in_processes
-        self._wide, self._near = lookers
+        self._search_matcher, self._refine_matcher = matchers
         self.calibration = chosen_calibration(job)
-        self._judge = Judge(job.config, self.calibration, map_pixel_m)
+        self._trust_model = TrustModel(job.config, self.calibration, map_pixel_m)
         self._map_pixel_m = map_pixel_m
         self._uncertainty = uncertainty
-        self._stage = FrameStage(self._wide, self._judge, job.config, uncertainty)
-        self._flight = FlightStage(self._wide, self._near, self._stage.offset_grid, rebuild)
+        self._frame_stage = FrameStage(
+            self._search_matcher, self._trust_model, job.config, uncertainty
+        )
+        self._flight_stage = FlightStage(
+            self._search_matcher, self._refine_matcher, self._frame_stage.offset_grid, rebuild
+        )
 
     @property
     def names(self) -> list[str]:
@@ -129,32 +117,38 @@ class Run:
                 yield result
 
     def _located(self, entry: Prior | FrameFailure) -> Located:
-        return self._stage.locate(entry) if isinstance(entry, Prior) else Located(entry, None)
+        return self._frame_stage.locate(entry) if isinstance(entry, Prior) else Located(entry, None)
 
-    def survey(self, located: Iterable[Located]) -> Survey | None:
+    def fuse_flight(self, located: Iterable[Located]) -> FusedFlight | None:
         """Settle the flight from what its frames gave alone; None where they say nothing."""
         with self._timer.stage("fuse"):
-            return self._flight.survey(located)
+            return self._flight_stage.fuse(located)
 
-    def look_again(self, survey: Survey, skip: Container[str] = ()) -> Iterator[NearLook]:
+    def refine(self, flight: FusedFlight, skip: Container[str] = ()) -> Iterator[RefinedFrame]:
         """Yield what each frame shows near where the flight has it, leaving out ``skip``."""
         indices = (
-            index for index, frame in enumerate(survey.frames) if frame.prior.frame.name not in skip
+            index for index, frame in enumerate(flight.frames) if frame.prior.frame.name not in skip
         )
-        yield from self._in_order(partial(self._flight.look_again, survey), indices)
+        yield from self._in_order(partial(self._flight_stage.refine, flight), indices)
 
-    def fuse(
-        self, located: Iterable[Located], survey: Survey, near: Mapping[str, NearLook]
+    def place_frames(
+        self, located: Iterable[Located], flight: FusedFlight, refined: Mapping[str, RefinedFrame]
     ) -> list[FrameResult]:
         """Return the flight's answers, in the order of ``located``."""
         with self._timer.stage("fuse"):
-            looks = (near[frame.prior.frame.name] for frame in survey.frames)
+            frames = (refined[frame.prior.frame.name] for frame in flight.frames)
             return fused_results(
-                located, survey, looks, self._flight.near_grid, self._judge, self._wide
+                located,
+                flight,
+                frames,
+                self._flight_stage.refine_grid,
+                self._trust_model,
+                self._search_matcher.local,
             )
 
     def describe(self) -> dict[str, Any]:
         """Return what was chosen for this run, ready for ``run.json``."""
+        local = self._search_matcher.local
         return {
             "time_base": {
                 "base": str(self.priors.time_base.base),
@@ -162,12 +156,12 @@ class Run:
             },
             "frame_times": self.priors.frame_times.why,
             "height_source": self.priors.height_source,
-            "estimator": self._wide.estimator.name,
+            "estimator": self._search_matcher.estimator.name,
             "uncertainty": self._described_uncertainty(),
             "map_pixel_m": round(self._map_pixel_m, 6),
-            "map_gsd_m": round(self._wide.grid.gsd_m, 6),
-            "near_map_gsd_m": round(self._near.grid.gsd_m, 6),
-            "local_origin": {"lat": self._wide.local.lat_deg, "lon": self._wide.local.lon_deg},
+            "map_gsd_m": round(self._search_matcher.grid.gsd_m, 6),
+            "near_map_gsd_m": round(self._refine_matcher.grid.gsd_m, 6),
+            "local_origin": {"lat": local.lat_deg, "lon": local.lon_deg},
         }
 
     def _described_uncertainty(self) -> dict[str, Any]:
@@ -177,8 +171,8 @@ class Run:
             "method": chosen.method,
             "aggregation": chosen.aggregation,
             "merge": chosen.merge if chosen.method is UeMethod.CROPTTA_DE else None,
-            "views": self._stage.crops.views,
-            "members": self._wide.members,
+            "views": self._frame_stage.crops.views,
+            "members": self._search_matcher.members,
         }
 
 
@@ -200,6 +194,59 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         priors = build_priors(
             telemetry, frames, config=job.prior, frame_times_csv=job.frame_times_csv
         )
+    rebuild = partial(_rebuilt_priors, telemetry, frames, job, priors)
+    with ExitStack() as maps:
+        yield _opened(job, estimator, priors, rebuild, timer, maps)
+
+
+def _opened(
+    job: GeotagJob,
+    estimator: Estimator | None,
+    priors: PriorSet,
+    rebuild: RebuildPriors,
+    timer: StageTimer,
+    maps: ExitStack,
+) -> Run:
+    """Open the map, load the estimator unless one is given, and build the matchers."""
+    located = _with_position(job, priors)
+    positions = np.array([(prior.lat_deg, prior.lon_deg) for prior in located])
+    local = shared_frame(positions)
+    native_m = native_gsd_m(job.map_path, local)
+    search_gsd_m, refine_gsd_m = choose_gsds_m(job, located, native_m)
+    build = MatcherBuilder(_with_shared_features(job, maps), local, timer, maps)
+    search_map = build.open_map(search_gsd_m)
+    search_map.require_overlap(positions, job.config.search_radius_m)
+    base = estimator or open_base(job)
+    uncertainty = settled_uncertainty(job, base)
+    search_tiles = build.tiles(search_map, base)
+    second = None if estimator else build.second_scale(search_gsd_m)
+    members = build.members(search_map)
+    search_matcher = build.matcher(search_map, base, search_tiles, second=second, members=members)
+    is_finer = refine_gsd_m < _FINER * search_gsd_m
+    refine_matcher = search_matcher
+    if job.config.fuse:
+        refine_map = build.open_map(refine_gsd_m) if is_finer else search_map
+        refiner = estimator or open_refine_estimator(job, base, is_finer=is_finer)
+        refine_matcher = build.matcher(refine_map, refiner, build.tiles(refine_map, refiner))
+    matchers = search_matcher, refine_matcher
+    crs = search_map.place.crs_wkt
+    return Run(job, priors, rebuild, matchers, uncertainty, crs, native_m, timer)
+
+
+def _with_shared_features(job: GeotagJob, opened: ExitStack) -> GeotagJob:
+    """Return a job whose processes find what another has made of the map, also without a cache."""
+    if job.cache_dir is not None or chosen_jobs(job) == 1:
+        return job
+    folder = opened.enter_context(TemporaryDirectory(prefix="uasthn-features-"))
+    return replace(job, cache_dir=Path(folder))
+
+
+def _with_position(job: GeotagJob, priors: PriorSet) -> list[Prior]:
+    """Return the priors of frames that have one.
+
+    Raises:
+        NoPositionError: no frame has.
+    """
     located = [entry for entry in priors.results if isinstance(entry, Prior)]
     if not located:
         reasons = {entry.detail for entry in priors.results if not isinstance(entry, Prior)}
@@ -207,55 +254,7 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
             f"{job.log_path}: no frame has a position ({'; '.join(sorted(reasons)[:2])}); check "
             "--time-offset, --time-base and --frame-times"
         )
-    positions = np.array([(prior.lat_deg, prior.lon_deg) for prior in located])
-    local = _shared_frame(positions)
-    with ExitStack() as stack:
-        native_m = native_gsd_m(job.map_path, local)
-        wide_m, near_m = _choose_gsds_m(job, located, native_m)
-        wide_map = stack.enter_context(MapReader(job.map_path, local, wide_m))
-        wide_map.require_overlap(positions, job.config.search_radius_m)
-        if job.cache_dir is None and chosen_jobs(job) > 1:
-            # processes find there what another has made of the map
-            shared = stack.enter_context(TemporaryDirectory(prefix="uasthn-features-"))
-            job = replace(job, cache_dir=Path(shared))
-        second = None
-        scale = None if estimator else job.spec.second_scale
-        if scale is not None:
-            second_map = stack.enter_context(MapReader(job.map_path, local, scale * wide_m))
-            again = open_base(job, symmetries=1, second_scale=True)
-            second = _looker(job, second_map, again, local, timer)
-        base = estimator or open_base(job)
-        uncertainty = settled_uncertainty(job, base)
-        near = _looker(job, wide_map, base, local, timer)
-        members = [_looker(job, wide_map, one, local, timer) for one in open_members(job)]
-        wide = near.beside(second).with_members(members)
-        if job.config.fuse and near_m < _FINER * wide_m:
-            near_map = stack.enter_context(MapReader(job.map_path, local, near_m))
-            again = estimator or open_near(job, base)
-            near = _looker(job, near_map, again, local, timer)
-        rebuild = partial(_rebuilt_priors, telemetry, frames, job, priors)
-        crs = wide_map.place.crs_wkt
-        yield Run(job, priors, rebuild, (wide, near), uncertainty, crs, native_m, timer)
-
-
-def _looker(
-    job: GeotagJob,
-    reader: MapReader,
-    estimator: Estimator,
-    local: LocalFrame,
-    timer: StageTimer,
-) -> Looker:
-    cache = None
-    if job.cache_dir is not None and isinstance(estimator, CacheableEncoder):
-        cache = EncodingCache(open_store(job.cache_dir), estimator, reader.grid, reader.content_id)
-    tiles = FeatureTiles(
-        timer.timed("map", reader.read),
-        timer.timed("features", estimator.encode_map),
-        stride_px=estimator.stride_px,
-        halo_px=estimator.halo_px,
-        cache=cache,
-    )
-    return Looker(job.camera, reader.grid, tiles, estimator, local, timer)
+    return located
 
 
 def _rebuilt_priors(
@@ -273,42 +272,3 @@ def _rebuilt_priors(
     )
     rebuilt = build_priors(telemetry, frames, config=config, frame_times_csv=job.frame_times_csv)
     return {entry.frame.name: entry for entry in rebuilt.results if isinstance(entry, Prior)}
-
-
-def _choose_gsds_m(job: GeotagJob, priors: list[Prior], native_m: float) -> tuple[float, float]:
-    """Return the GSD of the search and of the second look.
-
-    Each is a power of ``GSD_STEP``, or a share of the map's own pixels where these are coarser.
-    The search sees a frame about 96 px wide, at most twice as fine as the map's own pixels
-    (enlarging a coarse map helps: features come at half the image's resolution); the second look
-    256 px wide, at most as fine as the map.
-    """
-    camera = _first_camera(job, priors)
-    height_m = float(np.median([prior.height_above_ground_m for prior in priors]))
-    footprint_m = height_m * camera.width_px / camera.focal_x_px
-    wide_m = max(native_m / MAX_MAP_ENLARGEMENT, _shared_gsd_m(footprint_m / THERMAL_WIDTH_PX))
-    near_m = max(native_m, _shared_gsd_m(footprint_m / NEAR_WIDTH_PX))
-    return job.config.gsd_m or wide_m, near_m
-
-
-def _shared_frame(positions_deg: FloatArray) -> LocalFrame:
-    """Return the local frame of a flight's area: other flights there see the map on the same grid.
-
-    What one of them kept of the map is then of use to the next.
-    """
-    latitude, longitude = np.median(positions_deg, axis=0) / ORIGIN_STEP_DEG
-    return LocalFrame(round(latitude) * ORIGIN_STEP_DEG, round(longitude) * ORIGIN_STEP_DEG)
-
-
-def _shared_gsd_m(gsd_m: float) -> float:
-    """Return the nearest resolution that flights of about the same height share."""
-    return float(GSD_STEP ** round(math.log(gsd_m, GSD_STEP)))
-
-
-def _first_camera(job: GeotagJob, priors: list[Prior]) -> CameraModel:
-    for prior in priors:
-        try:
-            return job.camera.model_of_frame(prior.frame.path, *frame_size_px(prior.frame.path))
-        except UnreadableFrameError as error:
-            _log.debug("%s: %s", prior.frame.name, error)
-    return job.camera.model(640, 512)

@@ -79,8 +79,8 @@ def _risk_coverage_figure(answers: JudgedAnswers, name: str, tolerance_m: float)
     """Draw the risk–coverage curve of every signal, the ideal order and what was accepted."""
     figure, axes = new_figure()
     title(figure, "Risk–coverage", name)
-    for signal, known in _known_doubts(answers).items():
-        curve = risk_coverage(answers.doubts[signal][known], answers.wrong[known])
+    for signal, known in _known_uncertainties(answers).items():
+        curve = risk_coverage(answers.uncertainties[signal][known], answers.wrong[known])
         if curve is not None:
             label = f"{signal}: area {curve.aurc:.3f}{_of(known)}"
             axes.plot(curve.coverage, curve.risk, label=label, **_SIGNAL_STYLES[signal])
@@ -107,8 +107,8 @@ def _roc_figure(answers: JudgedAnswers, name: str, tolerance_m: float) -> Figure
     """Draw the receiver operating characteristic of every signal."""
     figure, axes = new_figure()
     title(figure, "ROC", name)
-    for signal, known in _known_doubts(answers).items():
-        roc = roc_curve(answers.doubts[signal][known], answers.wrong[known])
+    for signal, known in _known_uncertainties(answers).items():
+        roc = roc_curve(answers.uncertainties[signal][known], answers.wrong[known])
         if roc is not None:
             label = f"{signal}: AUC {roc.auc:.3f}{_of(known)}"
             rates = roc.false_positive_rate, roc.true_positive_rate
@@ -222,9 +222,9 @@ def _draw_ratios(axes: Axes, answers: JudgedAnswers, has_radius: BoolArray) -> N
     axes.set_xlabel("CE / predicted CE90")
 
 
-def _known_doubts(answers: JudgedAnswers) -> dict[str, BoolArray]:
+def _known_uncertainties(answers: JudgedAnswers) -> dict[str, BoolArray]:
     """Return which answers have each signal ``(n,)``, for signals that any answer has."""
-    known = {name: np.isfinite(doubt) for name, doubt in answers.doubts.items()}
+    known = {name: np.isfinite(uncertainty) for name, uncertainty in answers.uncertainties.items()}
     return {name: flags for name, flags in known.items() if flags.any()}
 
 

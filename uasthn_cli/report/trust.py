@@ -1,7 +1,7 @@
 """Does a stated uncertainty tell good answers from wrong ones? Pure functions of arrays.
 
-Throughout, ``wrong`` ``(n,)`` tells which answers lie beyond the tolerance, and ``doubt`` ``(n,)``
-is any finite number that is larger the less an answer is trusted.
+Throughout, ``wrong`` ``(n,)`` tells which answers lie beyond the tolerance, and ``uncertainty``
+``(n,)`` is any finite number that is larger the less an answer is trusted.
 """
 
 import math
@@ -27,7 +27,7 @@ class Roc:
     """Which share of good and of wrong answers is flagged as the flag grows more suspicious.
 
     ``false_positive_rate`` and ``true_positive_rate`` are ``(k,)``, from (0, 0) to (1, 1). ``auc``
-    is the chance that a wrong answer is doubted more than a good one, a tie counting as half.
+    is the chance that a wrong answer is more uncertain than a good one, a tie counting as half.
     """
 
     false_positive_rate: FloatArray
@@ -62,12 +62,12 @@ class ReliabilityBin:
     observed_high: float
 
 
-def roc_curve(doubt: FloatArray, wrong: BoolArray) -> Roc | None:
+def roc_curve(uncertainty: FloatArray, wrong: BoolArray) -> Roc | None:
     """Return the receiver operating characteristic; None unless there are good and wrong answers.
 
-    Equal doubts are one point of the curve, so the area is the Mann–Whitney statistic.
+    Equal uncertainties are one point of the curve, so the area is the Mann–Whitney statistic.
     """
-    frames, wrong_frames = _tied_groups(doubt, wrong)
+    frames, wrong_frames = _tied_groups(uncertainty, wrong)
     hits = np.concatenate([[0], np.cumsum(wrong_frames[::-1])])
     alarms = np.concatenate([[0], np.cumsum((frames - wrong_frames)[::-1])])
     if hits[-1] == 0 or alarms[-1] == 0:
@@ -78,14 +78,14 @@ def roc_curve(doubt: FloatArray, wrong: BoolArray) -> Roc | None:
     return Roc(false_positive_rate, true_positive_rate, auc)
 
 
-def risk_coverage(doubt: FloatArray, wrong: BoolArray) -> RiskCoverage | None:
+def risk_coverage(uncertainty: FloatArray, wrong: BoolArray) -> RiskCoverage | None:
     """Return the risk–coverage curve, one point per answer; None of no answer.
 
-    Within equal doubts the order is a matter of luck: the curve is the mean over all orders.
+    Within equal uncertainties the order is a matter of luck: the curve is the mean over all orders.
     """
     if wrong.size == 0:
         return None
-    frames, wrong_frames = _tied_groups(doubt, wrong)
+    frames, wrong_frames = _tied_groups(uncertainty, wrong)
     taken = np.arange(1, wrong.size + 1)
     risk = np.cumsum(np.repeat(wrong_frames / frames, frames)) / taken
     ideal_risk = np.cumsum(np.sort(wrong)) / taken
@@ -145,9 +145,9 @@ def radius_coverage(ce_m: FloatArray, ce90_m: FloatArray, level: float = 0.9) ->
     return float(np.mean(ce_m <= ce90_m * scale))
 
 
-def _tied_groups(doubt: FloatArray, wrong: BoolArray) -> tuple[IntArray, IntArray]:
-    """Return answers and wrong answers ``(k,)`` per distinct doubt, the most trusted first."""
-    _, group, frames = np.unique(doubt, return_inverse=True, return_counts=True)
+def _tied_groups(uncertainty: FloatArray, wrong: BoolArray) -> tuple[IntArray, IntArray]:
+    """Return answers and wrong answers ``(k,)`` per distinct uncertainty, the least first."""
+    _, group, frames = np.unique(uncertainty, return_inverse=True, return_counts=True)
     return frames.astype(np.int64), np.bincount(group[wrong], minlength=frames.size)
 
 

@@ -28,7 +28,7 @@ SIGNALS: Final[Mapping[str, float]] = {
     "agreement_m": 1.0,
     "support": -1.0,
 }
-"""Columns that say how far to trust an answer, and the sign that makes them grow with doubt."""
+"""Columns that say how far to trust an answer, and their sign as uncertainties."""
 
 LEVELS: Final = (0.5, 0.8, 0.9, 0.95)
 
@@ -37,8 +37,8 @@ LEVELS: Final = (0.5, 0.8, 0.9, 0.95)
 class JudgedAnswers:
     """Answers with a known error: CE, whether accepted and beyond the tolerance, all ``(n,)``.
 
-    ``risk`` and ``ce90_m`` are what was predicted, NaN where nothing was; ``doubts`` holds per
-    signal one number that grows with doubt, likewise.
+    ``risk`` and ``ce90_m`` are what was predicted, NaN where nothing was; ``uncertainties``
+    holds per signal one number that is larger the less the signal trusts an answer, likewise.
     """
 
     ce_m: FloatArray
@@ -46,7 +46,7 @@ class JudgedAnswers:
     wrong: BoolArray
     risk: FloatArray
     ce90_m: FloatArray
-    doubts: Mapping[str, FloatArray]
+    uncertainties: Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def judged_answers(run: RunResults, tolerance_m: float) -> JudgedAnswers:
         wrong=ce_m > tolerance_m,
         risk=column(rows, "risk"),
         ce90_m=column(rows, "ce90_m"),
-        doubts={name: sign * column(rows, name) for name, sign in SIGNALS.items()},
+        uncertainties={name: sign * column(rows, name) for name, sign in SIGNALS.items()},
     )
 
 
@@ -114,7 +114,10 @@ def summarise_trust(run: RunResults, tolerance_m: float = TOLERANCE_M) -> TrustS
         judged=accepted.size,
         beyond_tolerance=int(answers.wrong.sum()),
         accepted_risk=float(answers.wrong[accepted].mean()) if accepted.any() else None,
-        signals={name: _worth(doubt, answers.wrong) for name, doubt in answers.doubts.items()},
+        signals={
+            name: _worth(uncertainty, answers.wrong)
+            for name, uncertainty in answers.uncertainties.items()
+        },
         ideal_aurc=ideal.ideal_aurc if ideal else None,
         ce90_coverage_all=radius_coverage(ce_m, ce90_m),
         ce90_coverage_accepted=radius_coverage(
@@ -133,10 +136,13 @@ def risk_reliability(answers: JudgedAnswers) -> tuple[ReliabilityBin, ...]:
     return reliability_bins(answers.risk[has_risk], beyond[has_risk])
 
 
-def _worth(doubt: FloatArray, wrong: BoolArray) -> SignalWorth:
+def _worth(uncertainty: FloatArray, wrong: BoolArray) -> SignalWorth:
     """Judge one signal on the answers that have it."""
-    known = np.isfinite(doubt)
-    roc, curve = roc_curve(doubt[known], wrong[known]), risk_coverage(doubt[known], wrong[known])
+    known = np.isfinite(uncertainty)
+    roc, curve = (
+        roc_curve(uncertainty[known], wrong[known]),
+        risk_coverage(uncertainty[known], wrong[known]),
+    )
     return SignalWorth(
         answers=int(known.sum()),
         auc=roc.auc if roc else None,

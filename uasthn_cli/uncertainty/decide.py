@@ -38,7 +38,7 @@ def impossible_corners(
     return Reason.IMPLAUSIBLE_SCALE if abs(scale - 1) > max_scale_error else None
 
 
-def doubt(
+def rejection_reason(
     uncertainty_m: float,
     confidence: float,
     risk: float,

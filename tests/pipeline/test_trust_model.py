@@ -15,7 +15,7 @@ from uasthn_cli.config import (
     GeotagConfig,
 )
 from uasthn_cli.fusion.offsets import PosteriorSummary
-from uasthn_cli.pipeline.judge import Agreement, Judge
+from uasthn_cli.pipeline.trust_model import Agreement, TrustModel
 from uasthn_cli.types import FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
 from uasthn_cli.uncertainty.risk_model import RiskModel, SignalTerm, Transform
@@ -39,9 +39,9 @@ def calibration(signal: str, fused_signal: str | None = None) -> Calibration:
     return Calibration(25.0, 0.05, 0.9, judgement(signal, 2.0), fused, note="")
 
 
-def judge(calibrated: Calibration | None = None, **settings: object) -> Judge:
+def trust_model(calibrated: Calibration | None = None, **settings: object) -> TrustModel:
     config = replace(GeotagConfig(map_error_m=0.0), **settings)  # type: ignore[arg-type]
-    return Judge(config, calibrated, map_pixel_m=0.0)
+    return TrustModel(config, calibrated, map_pixel_m=0.0)
 
 
 def peak(east_cells: int) -> OffsetLikelihood:
@@ -51,13 +51,13 @@ def peak(east_cells: int) -> OffsetLikelihood:
     return OffsetLikelihood.of(values, 4.0, np.zeros(2))
 
 
-def single(judged: Judge, offset_m: FloatArray | None = None) -> Trust:
+def single(model: TrustModel, offset_m: FloatArray | None = None) -> Trust:
     where = np.zeros(2) if offset_m is None else offset_m
-    return judged.single(peak(0), where, 3.0, 0.123, STD_M)
+    return model.single(peak(0), where, 3.0, 0.123, STD_M)
 
 
 def test_without_a_calibration_there_is_no_risk() -> None:
-    trust = single(judge())
+    trust = single(trust_model())
     assert math.isnan(trust.risk)
     assert trust.confidence == pytest.approx(1.0)  # that of the likelihood, not the estimator's
     assert trust.covariance_m2 == pytest.approx(np.eye(2) * 16 / 12)
@@ -66,12 +66,12 @@ def test_without_a_calibration_there_is_no_risk() -> None:
 
 
 def test_covariance_is_taken_about_the_answer() -> None:
-    trust = single(judge(), np.array([3.0, 0.0]))
+    trust = single(trust_model(), np.array([3.0, 0.0]))
     assert trust.covariance_m2 == pytest.approx(np.diag([9.0, 0.0]) + np.eye(2) * 16 / 12)
 
 
 def test_an_estimator_without_scores_is_judged_by_its_views() -> None:
-    trust = judge().single(None, np.zeros(2), 3.0, 0.7, STD_M)
+    trust = trust_model().single(None, np.zeros(2), 3.0, 0.7, STD_M)
     assert trust.confidence == 0.7
     assert math.isnan(trust.entropy_nats)
     assert math.isnan(trust.sigma_m)
@@ -79,43 +79,43 @@ def test_an_estimator_without_scores_is_judged_by_its_views() -> None:
 
 
 def test_the_maps_own_error_is_added_and_never_scaled() -> None:
-    plain = single(judge(map_error_m=3.0))
-    scaled = single(judge(calibration("u_m"), map_error_m=3.0))
+    plain = single(trust_model(map_error_m=3.0))
+    scaled = single(trust_model(calibration("u_m"), map_error_m=3.0))
     assert plain.covariance_m2 == pytest.approx(np.eye(2) * (16 / 12 + 9.0))
     assert scaled.covariance_m2 == pytest.approx(np.eye(2) * (4.0 * 16 / 12 + 9.0))
     assert scaled.ce90_m == pytest.approx(math.sqrt(-2 * math.log(0.1) * (64 / 12 + 9.0)))
 
 
 def test_the_maps_pixels_leave_something_open_too() -> None:
-    coarse = Judge(GeotagConfig(map_error_m=0.0), None, map_pixel_m=5.0)
+    coarse = TrustModel(GeotagConfig(map_error_m=0.0), None, map_pixel_m=5.0)
     expected = 16 / 12 + (MAP_PIXEL_ERROR * 5.0) ** 2
     assert single(coarse).covariance_m2 == pytest.approx(np.eye(2) * expected)
 
 
 def test_single_and_fused_answers_have_their_own_models() -> None:
-    judged = judge(calibration("u_m", "support"))
-    assert single(judged).risk == pytest.approx(1 / (1 + 1 / 3))  # odds of u_m: 3
-    fused = judged.fused(SUMMARY, SUMMARY.covariance_m2, NEAR, 3.0)
+    model = trust_model(calibration("u_m", "support"))
+    assert single(model).risk == pytest.approx(1 / (1 + 1 / 3))  # odds of u_m: 3
+    fused = model.fused(SUMMARY, SUMMARY.covariance_m2, NEAR, 3.0)
     assert fused.risk == pytest.approx(1 / (1 + 3))  # odds of support 3 to 1, counted against it
     assert fused.covariance_m2 == pytest.approx(9.0 * SUMMARY.covariance_m2)
     assert (fused.agreement_m, fused.support) == (2.0, 0.75)
 
 
 def test_a_calibration_without_fused_answers_judges_them_as_single() -> None:
-    judged = judge(calibration("u_m"))
-    fused = judged.fused(SUMMARY, SUMMARY.covariance_m2, NEAR, 3.0)
+    model = trust_model(calibration("u_m"))
+    fused = model.fused(SUMMARY, SUMMARY.covariance_m2, NEAR, 3.0)
     assert fused.risk == pytest.approx(1 / (1 + 1 / 3))
-    blank = judged.fused(SUMMARY, SUMMARY.covariance_m2, NEAR, math.nan)
+    blank = model.fused(SUMMARY, SUMMARY.covariance_m2, NEAR, math.nan)
     assert blank.risk == 1.0
-    assert judged.doubt_of_fused(blank) is Reason.RISKY
+    assert model.rejection_of_fused(blank) is Reason.RISKY
 
 
 def test_whatever_the_risk_most_neighbours_must_agree() -> None:
-    for judged in (judge(), judge(calibration("u_m", "support"))):
+    for model in (trust_model(), trust_model(calibration("u_m", "support"))):
         sure = trust(risk=0.0, confidence=1.0, support=MIN_SUPPORT + 0.01)
-        assert judged.doubt_of_fused(sure) is None
-        assert judged.doubt_of_fused(replace(sure, support=MIN_SUPPORT)) is Reason.UNSUPPORTED
-        assert judged.doubt_of_fused(replace(sure, support=math.nan)) is Reason.UNSUPPORTED
+        assert model.rejection_of_fused(sure) is None
+        assert model.rejection_of_fused(replace(sure, support=MIN_SUPPORT)) is Reason.UNSUPPORTED
+        assert model.rejection_of_fused(replace(sure, support=math.nan)) is Reason.UNSUPPORTED
 
 
 def trust(**changes: float) -> Trust:
@@ -124,26 +124,26 @@ def trust(**changes: float) -> Trust:
 
 
 def test_without_a_calibration_fused_answers_need_confidence_and_support() -> None:
-    judged = judge()
+    model = trust_model()
     enough, little = FALLBACK_MIN_CONFIDENCE, FALLBACK_MIN_CONFIDENCE - 0.01
-    assert judged.doubt_of_fused(trust(confidence=enough, support=1.0)) is None
-    assert judged.doubt_of_fused(trust(confidence=little, support=1.0)) is Reason.AMBIGUOUS
+    assert model.rejection_of_fused(trust(confidence=enough, support=1.0)) is None
+    assert model.rejection_of_fused(trust(confidence=little, support=1.0)) is Reason.AMBIGUOUS
 
 
 def test_the_spread_of_views_rejects_single_answers_alone() -> None:
-    judged = judge(decision=DecisionConfig(max_std_m=0.001))
-    assert judged.doubt_of_single(1.0, trust(), 500.0) is Reason.UNCERTAIN
-    assert judged.doubt_of_fused(trust(support=1.0)) is None
-    fallback = judge()
-    assert fallback.doubt_of_single(FALLBACK_MAX_STD_M + 1, trust(), 500.0) is Reason.UNCERTAIN
+    model = trust_model(decision=DecisionConfig(max_std_m=0.001))
+    assert model.rejection_of_single(1.0, trust(), 500.0) is Reason.UNCERTAIN
+    assert model.rejection_of_fused(trust(support=1.0)) is None
+    fallback = trust_model()
+    assert fallback.rejection_of_single(FALLBACK_MAX_STD_M + 1, trust(), 500.0) is Reason.UNCERTAIN
 
 
 def test_with_a_calibration_each_kind_has_its_limit() -> None:
     whole = calibration("u_m", "support")
     assert whole.fused is not None
     stricter = replace(whole, fused=replace(whole.fused, max_risk=0.1))
-    judged = judge(stricter)
+    model = trust_model(stricter)
     risky = trust(risk=0.2, confidence=0.0, support=1.0)
-    assert judged.doubt_of_single(1e3, risky, 500.0) is None
-    assert judged.doubt_of_fused(risky) is Reason.RISKY
-    assert judged.doubt_of_fused(replace(risky, risk=0.1)) is None
+    assert model.rejection_of_single(1e3, risky, 500.0) is None
+    assert model.rejection_of_fused(risky) is Reason.RISKY
+    assert model.rejection_of_fused(replace(risky, risk=0.1)) is None

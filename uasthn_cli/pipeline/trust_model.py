@@ -1,4 +1,4 @@
-"""From signals to trust: covariance, CE90, risk, and the doubt that rejects."""
+"""From signals to trust: covariance, CE90, risk, and what rejects."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from uasthn_cli.fusion.offsets import (
 )
 from uasthn_cli.types import FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
-from uasthn_cli.uncertainty.decide import doubt
+from uasthn_cli.uncertainty.decide import rejection_reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +29,8 @@ class Agreement:
 ALONE = Agreement(math.nan, math.nan)
 
 
-class Judge:
-    """Judges answers by a calibration, or by plain limits where there is none."""
+class TrustModel:
+    """Says how far to trust answers, by a calibration, or by plain limits where there is none."""
 
     def __init__(
         self, config: GeotagConfig, calibration: Calibration | None, map_pixel_m: float
@@ -84,13 +84,17 @@ class Judge:
         }
         return self._trust(summary, covariance_m2, signals, self._fused, agreement)
 
-    def doubt_of_single(self, uncertainty_m: float, trust: Trust, window_m: float) -> Reason | None:
+    def rejection_of_single(
+        self, uncertainty_m: float, trust: Trust, window_m: float
+    ) -> Reason | None:
         """Return why a frame's own answer is not to be trusted, or None."""
         limit = None if self._single is None else self._single.max_risk
         config = self._config.decision
-        return doubt(uncertainty_m, trust.confidence, trust.risk, window_m, config, limit)
+        return rejection_reason(
+            uncertainty_m, trust.confidence, trust.risk, window_m, config, limit
+        )
 
-    def doubt_of_fused(self, trust: Trust) -> Reason | None:
+    def rejection_of_fused(self, trust: Trust) -> Reason | None:
         """Return why a fused answer is not to be trusted, or None; its views' spread plays no part.
 
         Whatever the calibration says, most near frames must agree alone.
@@ -99,7 +103,7 @@ class Judge:
             return Reason.UNSUPPORTED
         config = self._config.decision
         limit = None if self._fused is None else self._fused.max_risk
-        return doubt(0.0, trust.confidence, trust.risk, 0.0, config, limit)
+        return rejection_reason(0.0, trust.confidence, trust.risk, 0.0, config, limit)
 
     def _trust(
         self,

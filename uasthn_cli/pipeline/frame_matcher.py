@@ -1,8 +1,6 @@
-"""Look at one frame: decode, rectify, read the map around it, ask the estimator."""
+"""FrameMatch at one frame: decode, rectify, read the map around it, ask the estimator."""
 
 import logging
-from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +39,8 @@ _log = logging.getLogger(__name__)
 _ALIGNMENT_PX = 16
 
 
-class LookError(Exception):
-    """A frame shows nothing that could be placed; ``reason`` is one of the fixed list."""
+class UnmatchableFrameError(Exception):
+    """A frame shows nothing that could be matched; ``reason`` is one of the fixed list."""
 
     def __init__(self, reason: Reason, detail: object) -> None:
         """Keep the reason and one line of detail."""
@@ -75,7 +73,7 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class FrameMatch:
     """What an estimator saw: ``views_px`` ``(N, 4, 2)`` of the ortho and where it found them.
 
     ``members_px`` ``(M - 1, 4, 2)`` is where further networks found the first view.
@@ -87,8 +85,8 @@ class Look:
     members_px: FloatArray
 
 
-class Looker:
-    """Looks at frames of a flight on one map grid."""
+class FrameMatcher:
+    """Matches frames of a flight to one map grid."""
 
     def __init__(
         self,
@@ -98,31 +96,26 @@ class Looker:
         estimator: Estimator,
         local: LocalFrame,
         timer: StageTimer,
+        *,
+        second: "FrameMatcher | None" = None,
+        members: "tuple[FrameMatcher, ...]" = (),
     ) -> None:
-        """Keep what all frames share."""
-        self._second: Looker | None = None
-        self._members: tuple[Looker, ...] = ()
+        """Keep what all frames share.
+
+        Args:
+            camera: The camera of all frames.
+            grid: The map grid that frames are rectified to.
+            tiles: The map's features on that grid.
+            estimator: Finds a frame in features.
+            local: Where metres are counted from.
+            timer: Told how long each stage took.
+            second: Matches at another GSD, and is heeded: two scales tell places apart better than
+                one. Where the place is known, the finer one alone is the more precise.
+            members: Further networks of an ensemble, asked for the whole frame at the same GSD.
+        """
         self.grid, self.estimator, self.local = grid, estimator, local
         self._camera, self._tiles, self._timer = camera, tiles, timer
-
-    def beside(self, second: "Looker | None") -> "Looker":
-        """Return the same looker, who also heeds what ``second`` sees at another GSD.
-
-        Two scales tell places apart better than one; where the place is known, the finer look
-        alone is the more precise one.
-        """
-        both = copy(self)
-        both._second = second
-        return both
-
-    def with_members(self, members: "Sequence[Looker]") -> "Looker":
-        """Return the same looker, with further networks that look at the whole frame for it.
-
-        They see the map at the same GSD.
-        """
-        together = copy(self)
-        together._members = tuple(members)
-        return together
+        self._second, self._members = second, members
 
     @property
     def members(self) -> int:
@@ -138,23 +131,25 @@ class Looker:
         """Return the camera of a frame without decoding it.
 
         Raises:
-            LookError: the frame is unreadable.
+            UnmatchableFrameError: the frame is unreadable.
         """
         try:
             size = frame_size_px(prior.frame.path)
             return self._camera.model_of_frame(prior.frame.path, *size)
         except UnreadableFrameError as error:
-            raise LookError(Reason.UNREADABLE, error) from error
+            raise UnmatchableFrameError(Reason.UNREADABLE, error) from error
 
-    def look(self, prior: Prior, crops: CropTtaConfig, radius_m: float) -> Look:
+    def match(self, prior: Prior, crops: CropTtaConfig, radius_m: float) -> FrameMatch:
         """Search for a frame within ``radius_m`` of its prior.
 
         Raises:
-            LookError: it cannot be read or rectified, or there is nothing to search in.
+            UnmatchableFrameError: it cannot be read or rectified, or there is nothing to search in.
         """
-        return self._look(prior, self._decoded(prior), crops, radius_m)
+        return self._match(prior, self._decoded(prior), crops, radius_m)
 
-    def _look(self, prior: Prior, image: ImageArray, crops: CropTtaConfig, radius_m: float) -> Look:
+    def _match(
+        self, prior: Prior, image: ImageArray, crops: CropTtaConfig, radius_m: float
+    ) -> FrameMatch:
         scene = self._scene(prior, image, radius_m)
         camera, thermal = scene.camera, scene.thermal
         evidence = None
@@ -168,12 +163,12 @@ class Looker:
                     scene.features, thermal, views, scene.origin_px, evidence
                 )
         except DegenerateHomographyError as error:
-            raise LookError(Reason.DEGENERATE_HOMOGRAPHY, error) from error
-        members_px = [member._answer_px(scene, views[:1]) for member in self._members]
-        return Look(scene, views, estimate, np.array(members_px).reshape(-1, 4, 2))
+            raise UnmatchableFrameError(Reason.DEGENERATE_HOMOGRAPHY, error) from error
+        members_px = [member.corners_px(scene, views[:1]) for member in self._members]
+        return FrameMatch(scene, views, estimate, np.array(members_px).reshape(-1, 4, 2))
 
-    def _answer_px(self, scene: Scene, views_px: FloatArray) -> FloatArray:
-        """Return where this looker's network finds views ``(N, 4, 2)`` of another's scene.
+    def corners_px(self, scene: Scene, views_px: FloatArray) -> FloatArray:
+        """Return where this matcher's network finds views ``(N, 4, 2)`` of another's scene.
 
         Without a homography they are where the prior has them, as a crop without one is: a network
         that found nothing must not cost the frame what the others found.
@@ -192,26 +187,26 @@ class Looker:
     def evidence(
         self, prior: Prior, image: ImageArray, radius_m: float, scene: Scene
     ) -> FloatArray | None:
-        """Return what this looker says of every shift ``(rows, columns)`` of another's scene.
+        """Return what this matcher says of every shift ``(rows, columns)`` of another's scene.
 
         ``image`` is the frame, decoded. None where it says nothing.
         """
         try:
-            look = self._look(prior, image, CropTtaConfig(views=1), radius_m)
-        except LookError as error:
+            match = self._match(prior, image, CropTtaConfig(views=1), radius_m)
+        except UnmatchableFrameError as error:
             _log.debug("%s at %.2f m/px: %s", prior.frame.name, self.grid.gsd_m, error)
             return None
-        if look.estimate.scores is None:
+        if match.estimate.scores is None:
             return None
         return scores_elsewhere(
-            look.estimate.scores, look.scene.placement, scene.placement, scene.shifts
+            match.estimate.scores, match.scene.placement, scene.placement, scene.shifts
         )
 
     def scene(self, prior: Prior, radius_m: float) -> Scene:
         """Return a frame, rectified, and the map within ``radius_m`` of where it may lie.
 
         Raises:
-            LookError: it cannot be read or rectified, or the map has nothing there.
+            UnmatchableFrameError: it cannot be read or rectified, or the map has nothing there.
         """
         return self._scene(prior, self._decoded(prior), radius_m)
 
@@ -221,7 +216,7 @@ class Looker:
         ortho_origin_px = metres_to_grid(self.grid, nadir_m) - thermal.nadir_px
         features = self._read_window(thermal, ortho_origin_px, radius_m)
         if not features.valid.any():
-            raise LookError(Reason.OFF_MAP, "the search window has no map data")
+            raise UnmatchableFrameError(Reason.OFF_MAP, "the search window has no map data")
         return Scene(camera, thermal, features, ortho_origin_px - box_origin(features.box))
 
     def _decoded(self, prior: Prior) -> ImageArray:
@@ -229,7 +224,7 @@ class Looker:
             with self._timer.stage("decode"):
                 return read_frame(prior.frame.path)
         except UnreadableFrameError as error:
-            raise LookError(Reason.UNREADABLE, error) from error
+            raise UnmatchableFrameError(Reason.UNREADABLE, error) from error
 
     def _rectified(self, prior: Prior, image: ImageArray) -> tuple[CameraModel, Ortho]:
         try:
@@ -240,15 +235,15 @@ class Looker:
                     image, camera, prior, self.grid.gsd_m, multiple_px=_ALIGNMENT_PX
                 )
         except UnreadableFrameError as error:
-            raise LookError(Reason.UNREADABLE, error) from error
+            raise UnmatchableFrameError(Reason.UNREADABLE, error) from error
         except ObliqueFrameError as error:
-            raise LookError(Reason.TOO_OBLIQUE, error) from error
+            raise UnmatchableFrameError(Reason.TOO_OBLIQUE, error) from error
         except FootprintSizeError as error:
-            raise LookError(Reason.NO_PRIOR, error) from error
+            raise UnmatchableFrameError(Reason.NO_PRIOR, error) from error
         except TexturelessFrameError as error:
-            raise LookError(Reason.TEXTURELESS, error) from error
+            raise UnmatchableFrameError(Reason.TEXTURELESS, error) from error
         except DegenerateHomographyError as error:
-            raise LookError(Reason.DEGENERATE_HOMOGRAPHY, error) from error
+            raise UnmatchableFrameError(Reason.DEGENERATE_HOMOGRAPHY, error) from error
 
     def _read_window(
         self, thermal: Ortho, ortho_origin_px: FloatArray, radius_m: float
