@@ -19,7 +19,7 @@ CORNER_PX, SIZE_PX = (130, 60), (96, 80)
 
 @pytest.fixture(scope="module")
 def estimator() -> XcorrEstimator:
-    return open_xcorr([], "cpu", 1)
+    return open_xcorr(XCORR.bundled_weights[:1], "cpu", 1)
 
 
 @pytest.mark.parametrize("kind", [LandscapeKind.FARMS, LandscapeKind.DUNES])

@@ -22,14 +22,12 @@ if TYPE_CHECKING:
 
 
 def _open_xcorr(opening: Opening) -> "Estimator":
-    # torch is heavy: a run with another estimator never loads it
+    # its libraries are heavy: a run with another estimator never loads them
     xcorr = import_module("uasthn_cli.matching.xcorr")
+    in_the_box = XCORR.bundled_weights
+    paths = in_the_box if opening.ensemble else (opening.weights or in_the_box[:1])
     estimator: Estimator = xcorr.open_xcorr(
-        opening.weights,
-        opening.device,
-        opening.symmetries,
-        ensemble=opening.ensemble,
-        second_scale=opening.second_scale,
+        paths, opening.device, opening.symmetries, second_scale=opening.second_scale
     )
     return estimator
 

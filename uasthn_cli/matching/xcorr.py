@@ -1,7 +1,6 @@
 """The default estimator: learned cross-correlation over all shifts, brightness beside it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,34 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.config import DEFAULT_SYMMETRIES
-from uasthn_cli.errors import WeightsError
 from uasthn_cli.matching.appearance import (
     CHANNELS,
     appearance_cells,
-    appearance_scores,
     levelled_window,
 )
 from uasthn_cli.matching.architecture import HALO_PX, STRIDE_PX
 from uasthn_cli.matching.correlate import (
     cell_mask,
-    correlate,
     correlate_directly,
     normalise_template,
-    sliding_sums,
 )
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.encoders import Encoders, open_encoders
 from uasthn_cli.matching.identity import code_sha256
 from uasthn_cli.matching.ncc import luma
-from uasthn_cli.matching.registry import XCORR
 from uasthn_cli.matching.search import (
-    MIN_OVERLAP,
     best_shift,
     peak_boxes,
     posterior_mass,
     view_masks,
     within_reach,
 )
+from uasthn_cli.matching.shift_scores import Encoded, FrameScores, ViewPeaks
 from uasthn_cli.matching.similarity import turned_features
 from uasthn_cli.matching.symmetries import encode_symmetric
 from uasthn_cli.seam import Estimate, Similarity
@@ -137,7 +131,7 @@ class XcorrEstimator:
         whole = np.where(reachable, whole, -np.inf)
         shifts = [best_shift(whole, otherwise=prior_shift)]
         if len(masks) > 1:
-            found = _Peaks(len(masks) - 1, prior_shift)
+            found = ViewPeaks(len(masks) - 1, prior_shift)
             for box in peak_boxes(whole):
                 scores = search.scores(masks[1:], box) + evidence[box]
                 found.take(np.where(reachable[box], scores, -np.inf), box)
@@ -172,7 +166,7 @@ class XcorrEstimator:
         best: FloatArray = averaged[:, near[box]].max(axis=1)
         return best
 
-    def _search(self, features: MapFeatures, thermal: Ortho) -> "_Search":
+    def _search(self, features: MapFeatures, thermal: Ortho) -> FrameScores:
         """Return a frame and a window, encoded."""
         frames = []
         for member, window in self._windows(features):
@@ -180,13 +174,13 @@ class XcorrEstimator:
                 member.thermal, thermal.image, thermal.valid, self._symmetries
             )
             pooled = self._pooled(encoded, thermal.valid)
-            frames.append(_Encoded(window, pooled, member.temperature * self._sharpness))
+            frames.append(Encoded(window, pooled, member.temperature * self._sharpness))
         levelled = cells = None
         if self._appearance:
             own = features.values[-len(CHANNELS) :].astype(np.float32)
             levelled = levelled_window(own, features.valid)
             cells = appearance_cells(thermal.image, thermal.valid, self.stride_px)
-        return _Search(frames, features.valid, levelled, cells)
+        return FrameScores(frames, features.valid, levelled, cells)
 
     def _pooled(self, features: ImageArray, valid: BoolArray) -> ImageArray:
         """Return features averaged over ``pooling`` cells each way, those beyond ``valid`` as 0."""
@@ -206,97 +200,20 @@ class XcorrEstimator:
             first = last
 
 
-@dataclass(frozen=True, slots=True)
-class _Encoded:
-    """One member's features of the window ``(C, H, W)`` and of the frame ``(C, h, w)``."""
-
-    window: ImageArray
-    frame: ImageArray
-    temperature: float
-
-
-class _Search:
-    """Log-likelihoods of shifts of one frame in one window."""
-
-    def __init__(
-        self,
-        members: Sequence[_Encoded],
-        valid: BoolArray,
-        levelled: ImageArray | None,
-        cells: ImageArray | None,
-    ) -> None:
-        """Keep what was encoded; ``levelled`` and ``cells`` are brightness and gradient, if any."""
-        self._members, self._levelled, self._cells = members, levelled, cells
-        self._valid = None if valid.all() else valid.astype(np.float32)[None]
-        rows, columns = members[0].frame.shape[1:]
-        self._last = (rows - 1, columns - 1)
-        self.shape = (valid.shape[0] - self._last[0], valid.shape[1] - self._last[1])
-
-    def scores(self, masks: ImageArray, box: tuple[slice, slice]) -> FloatArray:
-        """Return the scores ``(N, rows, columns)`` of views at the shifts in a box.
-
-        ``masks`` ``(N, h, w)``; -inf where a view lies too far beyond valid map.
-        """
-        under = (
-            slice(None),
-            slice(box[0].start, box[0].stop + self._last[0]),
-            slice(box[1].start, box[1].stop + self._last[1]),
-        )
-        learned = [
-            correlate(one.window[under], normalise_template(one.frame, masks), masks)
-            * np.float32(one.temperature)
-            for one in self._members
-        ]
-        scores = np.mean(learned, axis=0, dtype=np.float64)
-        if self._levelled is not None and self._cells is not None:
-            scores += appearance_scores(self._levelled[under], self._cells, masks)
-        if self._valid is None:
-            return np.asarray(scores)
-        covered = sliding_sums(self._valid[under], masks[:, None], [(0, 0)])[:, 0]
-        share = covered / np.maximum(masks.sum(axis=(1, 2)), 1.0)[:, None, None]
-        return np.where(share >= MIN_OVERLAP, scores, -np.inf)
-
-
-class _Peaks:
-    """The best shifts of views among boxes that are scored one after another."""
-
-    def __init__(self, views: int, otherwise: FloatArray) -> None:
-        self.shifts = [otherwise] * views
-        self._best = np.full(views, -np.inf)
-
-    def take(self, scores: FloatArray, box: tuple[slice, slice]) -> None:
-        """Heed scores ``(views, rows, columns)`` of a box of shifts."""
-        for view, own in enumerate(scores):
-            best = float(own.max())
-            if best > self._best[view]:
-                corner = np.array([box[1].start, box[0].start], np.float64)
-                self._best[view], self.shifts[view] = best, best_shift(own) + corner
-
-
 def open_xcorr(
-    weights: Sequence[Path],
-    device: str,
-    symmetries: int,
-    *,
-    ensemble: bool = False,
-    second_scale: bool = False,
+    paths: Sequence[Path], device: str, symmetries: int, *, second_scale: bool = False
 ) -> XcorrEstimator:
-    """Return the estimator with a user's own weights, or those in the box, on ``auto|cpu|cuda``.
+    """Return the estimator with the networks of files, on ``auto|cpu|cuda``.
 
-    The scores of several are averaged; ``ensemble`` averages all members in the box. What looks at
-    the second scale sees learned features alone, on the lattice of the first.
+    The scores of several are averaged. What looks at the second scale sees learned features alone,
+    on the lattice of the first.
 
     Raises:
-        WeightsError: the weights cannot be used, or an ensemble of a user's own was asked for.
+        WeightsError: the weights cannot be used.
     """
-    if ensemble and weights:
-        raise WeightsError("--ensemble is of the weights in the box; leave out --weights")
-    in_the_box = XCORR.bundled_weights
-    paths = in_the_box if ensemble else (weights or in_the_box[:1])
     chosen = choose_device(device)
-    encoders = [open_encoders(path, chosen) for path in paths]
     return XcorrEstimator(
-        encoders,
+        [open_encoders(path, chosen) for path in paths],
         symmetries=symmetries,
         appearance=not second_scale,
         pooling=_POOLING_OF_SECOND_SCALE if second_scale else 1,
