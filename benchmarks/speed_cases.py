@@ -144,7 +144,13 @@ def _geotag(plan: Plan, group: str, name: str, flight: Flight, **settings: Any) 
     title = f"{flight.name}: {flight.count} frames, search radius {flight.radius_m:g} m"
     case = Case(group, name, title, plan.after, flight.count, flight, geotags=True)
     extra = (*plan.options, *settings.pop("extra", ()))
+    if "tool" not in settings and "--jobs" not in extra:
+        extra = ("--jobs", "1", *extra)  # what frames cost is counted in one process
     return replace(case, **{"cache": Cache.NONE, "extra": extra, **settings})
+
+
+def _in_parallel(jobs: str) -> dict[str, Any]:
+    return {"extra": ("--jobs", jobs), "cache": Cache.KEPT}
 
 
 def _script(plan: Plan, name: str, *arguments: str) -> Tool:
@@ -164,7 +170,7 @@ def _of_flight(plan: Plan, flight: Flight) -> list[Case]:
         _geotag(plan, "after", "second flight", flight, cache=Cache.KEPT),
         _geotag(plan, "after", "no cache", flight),
         *(
-            _geotag(plan, "jobs", f"no cache, --jobs {count}", flight, extra=("--jobs", count))
+            _geotag(plan, "jobs", f"second flight, --jobs {count}", flight, **_in_parallel(count))
             for count in ("1", "2", "auto")
         ),
         _geotag(plan, "crops", "no cache, one view", flight, extra=one_view),
@@ -191,9 +197,16 @@ def _paper(plan: Plan) -> list[Case]:
 
 
 def _reach(plan: Plan, flight: Flight) -> list[Case]:
-    title = f"Reach, on {flight.name}: {flight.count} frames, no cache"
+    title = f"Reach, on {flight.name}: {flight.count} frames, features of the map kept"
     return [
-        _geotag(plan, "reach", f"{radius_m:g} m", replace(flight, radius_m=radius_m), table=title)
+        _geotag(
+            plan,
+            "reach",
+            f"{radius_m:g} m",
+            replace(flight, radius_m=radius_m),
+            table=title,
+            cache=Cache.KEPT,
+        )
         for radius_m in plan.radii_m
     ]
 

@@ -10,7 +10,7 @@ from uasthn_cli.types import FloatArray, OffsetLikelihood
 
 _log = logging.getLogger(__name__)
 
-CANDIDATES_M_PER_SQRT_S = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
+CANDIDATES_M_PER_SQRT_S = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0)
 DEFAULT_M_PER_SQRT_S = 4.0
 
 
