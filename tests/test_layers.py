@@ -34,6 +34,9 @@ HOMES = {
     "matplotlib": ("report/drawing.py",),
     "h5py": ("datasets/boson.py",),
     "torch": ("matching/", "training/"),
+    "onnx": ("matching/onnx_graph.py",),
+    "onnxruntime": ("matching/encoders.py",),
+    "threadpoolctl": ("pipeline/parallel.py",),
     "click": ("commands/",),
     "rich": ("commands/",),
 }

@@ -54,6 +54,13 @@ def test_an_error_cannot_outrun_the_aircraft() -> None:
     assert hovering == CANDIDATES_M_PER_SQRT_S[0]
 
 
+def test_only_a_wide_search_expects_an_error_that_wanders_fast() -> None:
+    frames = wandering(30.0)
+    usual = fit_diffusion(frames, times_s(60), speed_m_s=100.0, radius_m=200.0)
+    wide = fit_diffusion(frames, times_s(60), speed_m_s=100.0, radius_m=2000.0)
+    assert usual <= 16.0 < wide
+
+
 def test_too_few_frames_get_the_default() -> None:
     few: list[OffsetLikelihood | None] = [seen(np.zeros(2)), None, seen(np.zeros(2)), None]
     assert fit_diffusion(few, times_s(4), speed_m_s=30.0) == DEFAULT_M_PER_SQRT_S

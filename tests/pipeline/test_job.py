@@ -106,7 +106,8 @@ def test_weights_not_yet_seen_may_have_a_second_head() -> None:
 
 
 def test_a_calibration_that_judges_by_the_spread_wants_one() -> None:
-    calibrated = replace(job(estimator="xcorr", ue=UeMethod.NONE), calibration=BUNDLED)
+    of_unknown_answers = replace(BUNDLED, made_of=None)
+    calibrated = replace(job(estimator="xcorr", ue=UeMethod.NONE), calibration=of_unknown_answers)
     with pytest.raises(ValueError, match=r"--ue none leaves out u_m.* add --calibration none"):
         chosen_uncertainty(calibrated)
     one_view = replace(calibrated, config=replace(calibrated.config, ue=None, crops=WHOLE))

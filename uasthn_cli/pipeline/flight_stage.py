@@ -124,7 +124,7 @@ class FlightStage:
         times_s = np.array([frame.prior.time_utc_s for frame in frames])
         velocities_m_s = self._velocities_m_s(frames)
         speed_m_s = float(np.median(np.linalg.norm(velocities_m_s, axis=1)))
-        diffusion = fit_diffusion(likelihoods, times_s, speed_m_s)
+        diffusion = fit_diffusion(likelihoods, times_s, speed_m_s, self._grid.radius_m or 0.0)
         smoothed = smooth(likelihoods, times_s, diffusion)
         cell_m = self._grid.cell_m
         offsets_m = np.array(

@@ -8,7 +8,7 @@ from uasthn_cli.config import Aggregation, GeotagConfig, Merge, PriorConfig, UeM
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching.registry import spec_of
 from uasthn_cli.matching.spec import EstimatorSpec
-from uasthn_cli.pipeline.parallel import usable_cores
+from uasthn_cli.pipeline.parallel import cores_for_jobs
 from uasthn_cli.uncertainty.calibration import AnswerKind, Calibration, load_calibration
 from uasthn_cli.uncertainty.methods import (
     OF_CROPS,
@@ -91,7 +91,7 @@ def chosen_jobs(job: GeotagJob) -> int:
         ValueError: several are asked for, and the estimator looks at one at a time.
     """
     if job.spec.works_in_processes:
-        return usable_cores() if job.jobs is None else job.jobs
+        return cores_for_jobs() if job.jobs is None else job.jobs
     if job.jobs is not None and job.jobs > 1:
         raise ValueError(
             f"--estimator {job.config.estimator} looks at one frame at a time: leave out --jobs"

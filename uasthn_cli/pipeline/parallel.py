@@ -7,6 +7,7 @@ calls lies too much Python.
 """
 
 import ctypes
+import logging
 import math
 import multiprocessing
 import os
@@ -25,6 +26,8 @@ import cv2
 from threadpoolctl import threadpool_limits
 
 from uasthn_cli.errors import WorkerLostError
+
+_log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
@@ -50,6 +53,11 @@ def can_fork() -> bool:
     Elsewhere than on Linux system libraries do not survive a fork, nor does torch once it is used.
     """
     return sys.platform == "linux" and "torch" not in sys.modules
+
+
+def cores_for_jobs() -> int:
+    """Return how many processes are worth having: one for each core, where there can be several."""
+    return usable_cores() if sys.platform == "linux" else 1
 
 
 def usable_cores() -> int:
@@ -86,7 +94,10 @@ def in_order(function: Callable[[_T], _R], items: Iterable[_T], jobs: int) -> It
     Raises:
         WorkerLostError: a process was killed.
     """
-    if jobs <= 1 or not can_fork():
+    if jobs > 1 and not can_fork():
+        _log.info("processes cannot be forked here: one looks at all frames")
+        jobs = 1
+    if jobs <= 1:
         yield from map(function, items)
         return
     number = max(_functions, default=0) + 1
