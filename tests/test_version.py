@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from uasthn_cli import __version__
-from uasthn_cli.version import code_version, source_digest
+from uasthn_cli.version import code_version, source_sha256
 
 
 @pytest.fixture
@@ -33,29 +33,29 @@ def test_another_process_and_place_have_the_same(tmp_path: Path) -> None:
 
 
 def test_every_edit_shows(package: Path) -> None:
-    digests = [source_digest(package)]
+    digests = [source_sha256(package)]
     (package / "room" / "__init__.py").write_text("X = 2\n")
-    digests.append(source_digest(package))
+    digests.append(source_sha256(package))
     (package / "room" / "new.py").write_text("")
-    digests.append(source_digest(package))
+    digests.append(source_sha256(package))
     (package / "room" / "new.py").rename(package / "new.py")
-    digests.append(source_digest(package))
+    digests.append(source_sha256(package))
     (package / "a.safetensors").write_bytes(b"12345")
-    digests.append(source_digest(package))
+    digests.append(source_sha256(package))
     assert len(set(digests)) == len(digests)
 
 
 def test_what_is_no_part_of_the_code_does_not(package: Path) -> None:
-    before = source_digest(package)
+    before = source_sha256(package)
     (package / "__pycache__").mkdir()
     (package / "__pycache__" / "a.cpython-311.pyc").write_bytes(b"compiled")
     (package / ".swap.py").write_text("edited")
     (package / "old.py~").write_text("edited")
-    assert source_digest(package) == before
+    assert source_sha256(package) == before
 
 
 def test_a_module_of_one_file_has_one_too(package: Path) -> None:
     module = package / "room" / "__init__.py"
-    before = source_digest(module)
+    before = source_sha256(module)
     module.write_text("X = 3\n")
-    assert source_digest(module) != before
+    assert source_sha256(module) != before

@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from uasthn_cli.mapping.feature_store import (
     open_store,
     window_key,
 )
+from uasthn_cli.pipeline.parallel import in_order
 from uasthn_cli.types import GridBox, MapGrid, MapStatistics, MapWindow
 
 KEYS = [f"{number:064x}" for number in range(8)]
@@ -166,7 +166,7 @@ def test_what_cannot_be_read_is_computed_with_one_warning(
     assert len(caplog.records) == 1
 
 
-def test_threads_put_and_get_the_same_entries(tmp_path: Path) -> None:
+def test_processes_put_and_get_the_same_entries(tmp_path: Path, can_fork: None) -> None:
     entry_bytes = 64 + VALUES.nbytes
     store = FeatureStore(tmp_path, max_bytes=4 * entry_bytes)
 
@@ -176,8 +176,7 @@ def test_threads_put_and_get_the_same_entries(tmp_path: Path) -> None:
         got = store.get(key)
         return got is None or bool((got == VALUES + np.float16(number % 8)).all())
 
-    with ThreadPoolExecutor(4) as threads:
-        assert all(threads.map(work, range(200)))
+    assert all(in_order(work, range(200), 4))
     assert not list(tmp_path.glob("*.tmp")) + list(tmp_path.glob(".*"))
 
 
@@ -186,6 +185,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from uasthn_cli.mapping.feature_store import FeatureStore
+from uasthn_cli.pipeline.parallel import in_order
 
 store, key = FeatureStore(Path(sys.argv[1])), "a" * 64
 values = np.linspace(0.0, 1.0, 98 * 64 * 64).reshape(98, 64, 64).astype(np.float16)

@@ -1,6 +1,5 @@
 """Windows land where the conventions say, whatever the map's bands, bits, CRS and holes."""
 
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from uasthn_cli.geometry.geodesy import LocalFrame, from_crs, to_crs
 from uasthn_cli.geometry.pixels import metres_to_grid
 from uasthn_cli.mapping.raster import fitting_overview
 from uasthn_cli.mapping.reader import MapReader, native_gsd_m
+from uasthn_cli.pipeline.parallel import in_order
 from uasthn_cli.types import FloatArray, GridBox, MapWindow
 
 RED, GREEN, BLUE = ColorInterp.red, ColorInterp.green, ColorInterp.blue
@@ -283,13 +283,15 @@ def test_a_window_is_the_same_however_it_is_cut(
     np.testing.assert_allclose(part.image, whole.image[17:38, 25:58], atol=0.02)
 
 
-def test_threads_read_what_one_alone_reads(write_map: Any, frame: LocalFrame) -> None:
+def test_processes_read_what_one_alone_reads(
+    write_map: Any, frame: LocalFrame, can_fork: None
+) -> None:
     path = write_map(noise(240, 400, 3, dtype="uint16", high=4000))
     boxes = [GridBox(column, row, 60, 40) for column in (-20, 50, 130) for row in (-10, 40)] * 4
     with MapReader(path, frame, 2.5) as reader:
         alone = [reader.read(box) for box in boxes]
-    with MapReader(path, frame, 2.5) as reader, ThreadPoolExecutor(4) as threads:
-        together = list(threads.map(reader.read, boxes))
+    with MapReader(path, frame, 2.5) as reader:
+        together = list(in_order(reader.read, boxes, 4))
     for window, expected in zip(together, alone, strict=True):
         np.testing.assert_array_equal(window.image, expected.image)
         np.testing.assert_array_equal(window.valid, expected.valid)

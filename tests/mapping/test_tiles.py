@@ -1,8 +1,5 @@
 """Features stitched from tiles are the features of the whole."""
 
-import threading
-import time
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import cv2
@@ -167,44 +164,6 @@ def test_memory_for_a_large_box_is_given_back() -> None:
     assert len(world.encoded) == encoded + 2
     tiles.read(GridBox(-64, -32, 32, 32))
     assert len(world.encoded) == encoded + 3
-
-
-def test_threads_share_tiles_and_each_is_encoded_once() -> None:
-    world = FakeMap()
-
-    def slowly(window: MapWindow) -> NDArray[np.floating[Any]]:
-        time.sleep(0.002)
-        return world.pool(window)
-
-    tiles = FeatureTiles(world.read, slowly, stride_px=2, halo_px=4, tile_px=32)
-    asked = [GridBox(column, 2 * row, 60, 40) for column in (-80, -40, 0) for row in range(4)] * 3
-    with ThreadPoolExecutor(4) as threads:
-        together = list(threads.map(tiles.read, asked))
-    assert len(world.encoded) == len(set(world.encoded))
-    for box, features in zip(asked, together, strict=True):
-        expected = world.pool(world.read(box))
-        np.testing.assert_allclose(features.values, expected, atol=5e-4)
-
-
-def test_a_tile_is_read_while_another_is_made() -> None:
-    world = FakeMap()
-    begun, finish = threading.Event(), threading.Event()
-
-    def encode(window: MapWindow) -> NDArray[np.floating[Any]]:
-        if window.box.column_px == 64:
-            begun.set()
-            assert finish.wait(10.0)
-        return world.pool(window)
-
-    tiles = FeatureTiles(world.read, encode, stride_px=2, halo_px=0, tile_px=32)
-    tiles.read(GridBox(0, 0, 32, 32))
-    with ThreadPoolExecutor(1) as threads:
-        slow = threads.submit(tiles.read, GridBox(64, 0, 32, 32))
-        assert begun.wait(10.0)
-        assert tiles.read(GridBox(0, 0, 64, 32)).valid.all()
-        assert not slow.done()
-        finish.set()
-        assert slow.result(10.0).valid.all()
 
 
 def test_a_tile_that_failed_is_tried_again() -> None:

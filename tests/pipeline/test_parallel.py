@@ -16,10 +16,7 @@ from uasthn_cli.pipeline.parallel import in_order, one_core_each, usable_cores
 forks = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
 
 
-@pytest.fixture(autouse=True)
-def _can_fork(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Other tests of this process have loaded torch, which nothing here uses."""
-    monkeypatch.setattr(parallel, "can_fork", lambda: sys.platform == "linux")
+pytestmark = pytest.mark.usefixtures("can_fork")
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 3])

@@ -1,7 +1,6 @@
 """The frames on disk: which there are, and their pixels."""
 
 import re
-import threading
 import warnings
 from collections import Counter
 from collections.abc import Iterator
@@ -38,35 +37,6 @@ _DECODE_ERRORS: Final = (
     Image.DecompressionBombError,
 )
 """What Pillow raises on damaged files, by format (broken PNG chunks are SyntaxErrors)."""
-
-
-class _QuietPillow:
-    """No warnings while any thread decodes: what matters about a frame becomes its row.
-
-    Python's filters of warnings belong to the process, and threads that each put back what they
-    found would put back each other's: the first one in silences, the last one out restores.
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._inside = 0
-        self._silence = warnings.catch_warnings(action="ignore")
-
-    def __enter__(self) -> None:
-        with self._lock:
-            if self._inside == 0:
-                self._silence = warnings.catch_warnings(action="ignore")
-                self._silence.__enter__()
-            self._inside += 1
-
-    def __exit__(self, *_: object) -> None:
-        with self._lock:
-            self._inside -= 1
-            if self._inside == 0:
-                self._silence.__exit__(None, None, None)
-
-
-_QUIET: Final = _QuietPillow()
 
 
 class UnreadableFrameError(ValueError):
@@ -135,7 +105,8 @@ def _opened(path: Path) -> Iterator[Image.Image]:
     try:
         if path.stat().st_size == 0:
             raise UnreadableFrameError("empty file (0 bytes)")
-        with _QUIET, Image.open(path) as image:
+        # Pillow's warnings about metadata are noise: what matters becomes the frame's row.
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
             if image.format not in _FORMATS:
                 raise UnreadableFrameError(f"{image.format} image; PNG, JPEG and TIFF are read")
             yield image

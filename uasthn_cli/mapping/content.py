@@ -1,7 +1,6 @@
 """What a map's files hold, as a hash: for maps that are hashed faster than they are read."""
 
 import hashlib
-from functools import cache
 from pathlib import Path
 
 import cv2
@@ -9,33 +8,38 @@ import numpy as np
 import rasterio
 
 from uasthn_cli.config import MAX_HASHED_BYTES
+from uasthn_cli.mapping.raster import gdal_errors, open_source
+from uasthn_cli.version import code_sha256
 
 _DRIVERS_OF_PIXELS = frozenset({"GTiff", "COG", "PNG", "JPEG", "BMP", "GPKG", "JP2OpenJPEG"})
 """Formats whose pixels lie in the files that GDAL lists; a virtual raster's may lie anywhere."""
 
+_READ_WITH = (rasterio.__version__, rasterio.__gdal_version__, np.__version__, cv2.__version__)
+"""Versions of what reads the pixels: another may read them otherwise."""
 
-def content_sha256(dataset: rasterio.DatasetReader) -> str | None:
-    """Return a hash of all files of a map and of the code that reads them; None if not sensible."""
-    files = [Path(name) for name in sorted(dataset.files)]
-    if dataset.driver not in _DRIVERS_OF_PIXELS or not files:
+
+def content_sha256(path: Path) -> str | None:
+    """Return a hash of all files of a map and of the code that reads them.
+
+    None where that would take longer than reading windows: of large maps and of virtual rasters,
+    whose pixels lie in other files.
+
+    Raises:
+        MapUnreadableError: missing, corrupt, or not a raster that GDAL reads.
+        MapWithoutCrsError: the map does not say where on earth it lies.
+    """
+    with gdal_errors(path, "read"), open_source(path).dataset as dataset:
+        files = [Path(name) for name in sorted(dataset.files)]
+        has_pixels = dataset.driver in _DRIVERS_OF_PIXELS
+    if not (has_pixels and files):
         return None
     try:
         if sum(file.stat().st_size for file in files) > MAX_HASHED_BYTES:
             return None
-        hashed = hashlib.sha256(_code_sha256().encode())
+        hashed = hashlib.sha256(repr((code_sha256(), *_READ_WITH)).encode())
         for file in files:
             with file.open("rb") as content:
                 hashed.update(hashlib.file_digest(content, "sha256").digest())
     except OSError:
         return None
-    return hashed.hexdigest()
-
-
-@cache
-def _code_sha256() -> str:
-    """Return a hash of this room's code and of the versions of what it reads maps with."""
-    versions = (rasterio.__version__, rasterio.__gdal_version__, np.__version__, cv2.__version__)
-    hashed = hashlib.sha256(repr(versions).encode())
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        hashed.update(path.name.encode() + b"\0" + path.read_bytes())
     return hashed.hexdigest()

@@ -16,7 +16,6 @@ import logging
 import os
 import secrets
 import struct
-import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -74,13 +73,12 @@ class _Entry:
 class FeatureStore:
     """A folder of features by name, the least recently used removed; safe to share.
 
-    Threads and processes may use one folder at the same time.
+    Several processes may use one folder at the same time.
     """
 
     def __init__(self, folder: Path, max_bytes: int = MAX_CACHE_BYTES) -> None:
         """Keep at most ``max_bytes`` in a folder, which is made when first needed."""
         self._folder, self._max_bytes = folder, max_bytes
-        self._lock = threading.Lock()
         self._is_writable = self._is_readable = True
 
     def get(self, key: str) -> NDArray[np.float16] | None:
@@ -112,8 +110,7 @@ class FeatureStore:
         temporary = path.with_name(f".{key}.{secrets.token_hex(8)}{_TEMPORARY_SUFFIX}")
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            with self._lock:
-                self._make_room(len(content))
+            self._make_room(len(content))
             try:
                 temporary.write_bytes(content)
                 temporary.replace(path)
@@ -159,12 +156,10 @@ class FeatureStore:
             _log.warning("features of %s cannot be read: %s", self._folder, _words(error))
 
     def _give_up_writing(self, error: OSError) -> None:
-        with self._lock:
-            was_writable, self._is_writable = self._is_writable, False
-        if was_writable:
-            _log.warning(
-                "map features are not kept for later runs: %s: %s", self._folder, _words(error)
-            )
+        self._is_writable = False
+        _log.warning(
+            "map features are not kept for later runs: %s: %s", self._folder, _words(error)
+        )
 
 
 @lru_cache(maxsize=8)

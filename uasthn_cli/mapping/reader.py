@@ -3,7 +3,6 @@
 import logging
 import math
 import os
-import threading
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -13,7 +12,6 @@ from rasterio.crs import CRS
 
 from uasthn_cli.errors import MapElsewhereError
 from uasthn_cli.geometry.geodesy import LocalFrame
-from uasthn_cli.mapping.content import content_sha256
 from uasthn_cli.mapping.georeference import Georeference
 from uasthn_cli.mapping.radiometry import Scaling, find_scaling, find_statistics, sample_boxes
 from uasthn_cli.mapping.raster import MapSource, fitting_overview, gdal_errors, open_source, warp
@@ -32,9 +30,6 @@ _log = logging.getLogger(__name__)
 _STATISTICS_REACH_M = 20_000.0
 _SLOW_RATIO = 8.0
 
-_ONE_AT_A_TIME = threading.RLock()
-"""GDAL's data sets are for one thread each, and two of one map may share their sources."""
-
 
 def native_gsd_m(path: Path, frame: LocalFrame) -> float:
     """Return the ground metres per map pixel near a flight, also for maps in degrees.
@@ -52,8 +47,7 @@ class MapReader:
     """A map, read window by window at one GSD around a flight; a context manager.
 
     Memory does not depend on the size of the map: an overview is read where one fits, windows are
-    warped piece by piece, and statistics come from a bounded sample. Several threads may read; they
-    wait for each other.
+    warped piece by piece, and statistics come from a bounded sample.
     """
 
     grid: MapGrid
@@ -104,18 +98,12 @@ class MapReader:
         """Where the raster that is read (the map or one of its overviews) lies."""
         return self._source.place
 
-    @cached_property
-    def content_id(self) -> str | None:
-        """What windows show, without reading any: equal strings mean equal windows of equal boxes.
+    def windows_id(self, content_sha256: str) -> str:
+        """Return what windows show, without reading any: equal ones have equal windows in boxes.
 
-        None where that would take longer than reading them: of large maps and of virtual rasters,
-        whose pixels lie in other files.
+        ``content_sha256`` is that of :func:`uasthn_cli.mapping.content.content_sha256`.
         """
-        with gdal_errors(self._path, "read"):
-            content = content_sha256(self._source.dataset)
-        if content is None:
-            return None
-        return repr((content, self._frame.wkt(), self.grid.gsd_m, self._pixel_m.tolist()))
+        return repr((content_sha256, self._frame.wkt(), self.grid.gsd_m, self._pixel_m.tolist()))
 
     @property
     def statistics(self) -> MapStatistics:
@@ -195,17 +183,12 @@ class MapReader:
         return open_source(self._path, level)
 
     def _warp(self, box: GridBox) -> tuple[ImageArray, BoolArray]:
-        with _ONE_AT_A_TIME, gdal_errors(self._path, "read"):
+        with gdal_errors(self._path, "read"):
             return warp(self._source, self._crs, self._pixel_m, self.grid, box)
 
-    @property
+    @cached_property
     def _radiometry(self) -> tuple[Scaling, MapStatistics]:
         """How raw values become 0..1, and statistics thereafter: of one sample of the map."""
-        with _ONE_AT_A_TIME:
-            return self._sampled_radiometry
-
-    @cached_property
-    def _sampled_radiometry(self) -> tuple[Scaling, MapStatistics]:
         boxes = []
         area = self._area()
         if area is not None:

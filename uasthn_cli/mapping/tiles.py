@@ -1,7 +1,6 @@
 """Map features, computed once per tile of the map and kept for the flight."""
 
 import math
-import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -54,8 +53,6 @@ class FeatureTiles:
     A tile is encoded together with ``halo_px`` of its surroundings and cropped, so that features
     do not depend on how the map was cut, as long as the encoder looks no further than the halo and
     ``halo_px`` and ``tile_px`` are multiples of all its down-sampling.
-
-    Several threads may read: a tile that one of them makes, the others wait for.
     """
 
     def __init__(
@@ -82,9 +79,7 @@ class FeatureTiles:
         self._read, self._encode, self._cache = read, encode, cache
         self._stride_px, self._halo_px, self._tile_px = stride_px, halo_px, tile_px
         self._max_bytes, self._kept_bytes = max_bytes, 0
-        self._lock = threading.Lock()
         self._tiles: OrderedDict[_Key, _Tile] = OrderedDict()
-        self._being_made: dict[_Key, threading.Lock] = {}
         self._channels: int | None = None
 
     def read(self, box: GridBox) -> MapFeatures:
@@ -133,33 +128,16 @@ class FeatureTiles:
         return (into[0], into[1]), (out_of[0], out_of[1])
 
     def _tile(self, key: _Key, needed: set[_Key]) -> _Tile:
-        """Return a tile from memory, or make it once while others wait for it alone."""
-        with self._lock:
-            tile = self._recalled(key)
-            if tile is not None:
-                return tile
-            being_made = self._being_made.setdefault(key, threading.Lock())
-        with being_made:
-            with self._lock:
-                tile = self._recalled(key)
-            if tile is None:
-                tile = self._make_tile(key)
-                self._keep(key, tile, needed)
-        return tile
-
-    def _recalled(self, key: _Key) -> _Tile | None:
+        """Return a tile from memory, or make it and drop what has no room any more."""
         tile = self._tiles.get(key)
         if tile is not None:
             self._tiles.move_to_end(key)
+            return tile
+        tile = self._make_tile(key)
+        self._tiles[key] = tile
+        self._kept_bytes += tile.size_bytes
+        self._drop_old(needed)
         return tile
-
-    def _keep(self, key: _Key, tile: _Tile, needed: set[_Key]) -> None:
-        with self._lock:
-            self._being_made.pop(key, None)
-            twice = self._tiles.pop(key, None)  # made, dropped and made by two at once
-            self._kept_bytes += tile.size_bytes - (twice.size_bytes if twice else 0)
-            self._tiles[key] = tile
-            self._drop_old(needed)
 
     def _drop_old(self, needed: set[_Key]) -> None:
         """Drop the least recent tiles, but none of those needed, until the rest fits."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from uasthn_cli.errors import PluginError, UasthnError
 from uasthn_cli.matching.spec import GROUP, EstimatorSpec, Opening
-from uasthn_cli.version import source_digest
+from uasthn_cli.version import HASH_DIGITS, source_sha256
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -95,7 +95,8 @@ def _source_digest(point: "EntryPoint") -> str:
         file = sys.modules[name].__file__
         if file is not None:  # a namespace has none
             path = Path(file)
-            return source_digest(path.parent if path.name == "__init__.py" else path)
+            whole = path.parent if path.name == "__init__.py" else path
+            return source_sha256(whole)[:HASH_DIGITS]
     return "unknown"
 
 

@@ -23,7 +23,6 @@ from uasthn_cli.matching.correlate import (
 )
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.encoders import Encoders, open_encoders
-from uasthn_cli.matching.identity import code_sha256
 from uasthn_cli.matching.ncc import luma
 from uasthn_cli.matching.search import (
     best_shift,
@@ -45,6 +44,7 @@ from uasthn_cli.types import (
     MapWindow,
     Ortho,
 )
+from uasthn_cli.version import code_sha256
 
 _POOLING_OF_SECOND_SCALE = 2
 """The second GSD is half of the first: its cells, pooled, are as far apart as the first's."""
@@ -89,7 +89,8 @@ class XcorrEstimator:
         """What shapes features beside the window; see :class:`uasthn_cli.seam.CacheableEncoder`."""
         networks = "+".join(member.identity for member in self._members)
         settings = (self.name, self._symmetries, self._appearance, self._pooling)
-        return f"{settings} {networks} {code_sha256()}"
+        computed_by = (code_sha256(), np.__version__, cv2.__version__)
+        return f"{settings} {networks} {computed_by}"
 
     def encode_map(self, window: MapWindow) -> NDArray[np.floating[Any]]:
         """Return map features ``(C + 2, h / 2, w / 2)`` of all members, zero where not valid.

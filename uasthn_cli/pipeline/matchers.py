@@ -4,6 +4,7 @@ import logging
 import math
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from uasthn_cli.config import (
 )
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.ingest.frames import UnreadableFrameError, frame_size_px
+from uasthn_cli.mapping.content import content_sha256
 from uasthn_cli.mapping.feature_store import open_store
 from uasthn_cli.mapping.reader import MapReader
 from uasthn_cli.mapping.tiles import EncodingCache, FeatureTiles
@@ -29,7 +31,7 @@ from uasthn_cli.types import CameraModel, FloatArray, Prior
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class MatcherBuilder:
     """What the matchers of a run share; ``maps`` closes the maps that are opened for them."""
 
@@ -42,12 +44,18 @@ class MatcherBuilder:
         """Open the map on a grid of ``gsd_m``."""
         return self.maps.enter_context(MapReader(self.job.map_path, self.local, gsd_m))
 
+    @cached_property
+    def _map_sha256(self) -> str | None:
+        return content_sha256(self.job.map_path)
+
     def tiles(self, reader: MapReader, estimator: Estimator) -> FeatureTiles:
         """Return a map's features as an estimator's network has them."""
         cache = None
         if self.job.cache_dir is not None and isinstance(estimator, CacheableEncoder):
             store = open_store(self.job.cache_dir)
-            cache = EncodingCache(store, estimator, reader.grid, reader.content_id)
+            content = self._map_sha256
+            map_id = None if content is None else reader.windows_id(content)
+            cache = EncodingCache(store, estimator, reader.grid, map_id)
         return FeatureTiles(
             self.timer.timed("map", reader.read),
             self.timer.timed("features", estimator.encode_map),
