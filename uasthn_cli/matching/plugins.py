@@ -1,6 +1,8 @@
 """Estimators of other packages, found by their entry points; one is loaded when it is asked for."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -54,22 +56,16 @@ def plugin_spec(name: str) -> EstimatorSpec | None:
 @lru_cache
 def _loaded(point: "EntryPoint") -> EstimatorSpec:
     """Import a package's specification; what is opened by it fails in one line, too."""
-    try:
+    with _named_in_errors(point):
         spec = point.load()
-    except Exception as error:
-        raise _unusable(point, error) from error
     if not isinstance(spec, EstimatorSpec):
         raise _unusable(point, f"{point.value} is no EstimatorSpec but {type(spec).__name__}")
     if spec.name != point.name or spec.parameter is not None:
         raise _unusable(point, f"its EstimatorSpec is called {spec.written!r}")
 
     def open_guarded(opening: Opening) -> "Estimator":
-        try:
+        with _named_in_errors(point):
             estimator = spec.open(opening)
-        except UasthnError:
-            raise
-        except Exception as error:
-            raise _unusable(point, error) from error
         if estimator.name != point.name:
             raise _unusable(point, f"what it opens is called {estimator.name!r}")
         return estimator
@@ -78,9 +74,23 @@ def _loaded(point: "EntryPoint") -> EstimatorSpec:
     return replace(spec, open=open_guarded, calibration=None, package=package)
 
 
-def _unusable(point: "EntryPoint", why: Exception | str) -> PluginError:
-    reason = why if isinstance(why, str) else f"{type(why).__name__}: {why}"
-    return PluginError(f"--estimator {point.name} of {_package(point)} cannot be used: {reason}")
+@contextmanager
+def _named_in_errors(point: "EntryPoint") -> Iterator[None]:
+    """Name the package in whatever its code raises: nobody here can know what that may be.
+
+    Raises:
+        PluginError: the package's code failed, other than by an error of this program.
+    """
+    try:
+        yield
+    except UasthnError:
+        raise
+    except Exception as error:  # of code that is not ours; without this, we would seem at fault
+        raise _unusable(point, f"{type(error).__name__}: {error}") from error
+
+
+def _unusable(point: "EntryPoint", why: str) -> PluginError:
+    return PluginError(f"--estimator {point.name} of {_package(point)} cannot be used: {why}")
 
 
 def _package(point: "EntryPoint") -> str:

@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Final, Generic, Protocol, TypeVar, overload
+from typing import Final, Generic, Protocol, TypeVar
 
+from uasthn_cli.fusion.spool import ReadOnDemand
 from uasthn_cli.outputs.formatting import frame_of
 from uasthn_cli.pipeline.flight_stage import FusedFlight
 from uasthn_cli.pipeline.run import Run
@@ -89,22 +90,14 @@ class Outcome:
     write_s: float
 
 
-class _InOrder(Sequence[T]):
+class _InOrder(ReadOnDemand[T]):
     """Finished frames in the order of their names, each fetched from where it is kept."""
 
     def __init__(self, names: Sequence[str], finished: Mapping[str, T]) -> None:
         self._names, self._finished = names, finished
 
-    @overload
-    def __getitem__(self, index: int) -> T: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[T]: ...
-
-    def __getitem__(self, index: int | slice) -> T | list[T]:
-        if isinstance(index, slice):
-            return [self._finished[name] for name in self._names[index]]
-        return self._finished[self._names[index]]
+    def _entry(self, place: int) -> T:
+        return self._finished[self._names[place]]
 
     def __len__(self) -> int:
         return len(self._names)
