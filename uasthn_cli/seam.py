@@ -4,7 +4,7 @@ CropTTA, ensembles and merges are written once against it; conventions are those
 :mod:`uasthn_cli.types`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -104,18 +104,16 @@ class SelfAssessor(Protocol):
         """Whether its estimates have :attr:`Estimate.modelled_std_px`."""
 
 
+FitScores = Callable[[Sequence[Similarity]], FloatArray]
+"""Returns the best log-likelihood ``(n,)`` of a frame under each of n hypotheses."""
+
+
 @runtime_checkable
 class Aligner(Protocol):
     """An estimator that can also tell how well a frame fits when it is turned and scaled."""
 
-    def fit_scores(
-        self,
-        features: MapFeatures,
-        thermal: Ortho,
-        origin_px: FloatArray,
-        hypotheses: Sequence[Similarity],
-    ) -> FloatArray:
-        """Return the best log-likelihood ``(n,)`` of a frame under each of n hypotheses.
+    def fit_scores(self, features: MapFeatures, thermal: Ortho, origin_px: FloatArray) -> FitScores:
+        """Return what scores hypotheses about a frame.
 
         ``features`` are of a window little larger than the frame; ``origin_px`` as in
         :meth:`Estimator.estimate`.

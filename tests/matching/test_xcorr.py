@@ -151,9 +151,8 @@ def test_convention_turn_and_scale_of_a_frame_are_seen(yaw_deg: float, scale: fl
     turns, sizes = (-2.5, 0.0, 4.0), (0.97, 1.0, 1.05)
     hypotheses = [Similarity(math.radians(turn), size) for turn in turns for size in sizes]
     features = encoded(estimator, window)
-    scores = estimator.fit_scores(
-        features, turned_cut(yaw_deg, scale), np.array([20.0, 16.0]), hypotheses
-    )
+    scores_of = estimator.fit_scores(features, turned_cut(yaw_deg, scale), np.array([20.0, 16.0]))
+    scores = scores_of(hypotheses)
     best = hypotheses[int(scores.argmax())]
     assert (math.degrees(best.yaw_rad), best.scale) == pytest.approx((yaw_deg, scale))
     assert isinstance(estimator, Aligner)

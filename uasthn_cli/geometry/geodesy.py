@@ -1,5 +1,6 @@
 """Between WGS 84 and metres on the ground: the only room that imports pyproj."""
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,8 +25,8 @@ class LocalFrame:
             f"+proj=tmerc +lat_0={self.lat_deg:.9f} +lon_0={self.lon_deg:.9f} +k=1 +x_0=0 +y_0=0"
             " +datum=WGS84 +units=m +no_defs"
         )
-        self._to_local = Transformer.from_crs(CRS.from_epsg(4326), self.crs, always_xy=True)
-        self._to_degrees = Transformer.from_crs(self.crs, CRS.from_epsg(4326), always_xy=True)
+        self._to_local = _transformer(CRS.from_epsg(4326), self.crs)
+        self._to_degrees = _transformer(self.crs, CRS.from_epsg(4326))
 
     def to_metres(self, lat_lon_deg: FloatArray) -> FloatArray:
         """Map ``(lat, lon)`` degrees ``(..., 2)`` to ``(east, north)`` metres."""
@@ -96,8 +97,12 @@ def _understood(crs: Any) -> CRS:
         raise ValueError(f"unknown coordinate reference system {crs!r}") from error
 
 
+@lru_cache(maxsize=32)
 def _transformer(source: CRS, target: CRS) -> Transformer:
-    """Return the transformation between two CRS, x (east or longitude) first."""
+    """Return the transformation between two CRS, x (east or longitude) first.
+
+    Looking one up takes milliseconds, and a run asks for the same few again and again.
+    """
     try:
         return Transformer.from_crs(source, target, always_xy=True)
     except ProjError as error:

@@ -62,25 +62,19 @@ def correlate(window: ImageArray, templates: ImageArray, masks: ImageArray) -> I
     return np.asarray(sums[:, 0] / np.sqrt(energy), dtype=np.float32)
 
 
-def correlate_directly(
-    window: ImageArray, templates: ImageArray, masks: ImageArray, box: tuple[slice, slice]
-) -> ImageArray:
-    """Return :func:`correlate` at the shifts in a box alone, by one matrix product.
+def correlate_directly(window: ImageArray, templates: ImageArray, masks: ImageArray) -> ImageArray:
+    """Return :func:`correlate`, by matrix products: faster for many templates at few shifts."""
+    response = sum(map(_sums_directly, window, templates.swapaxes(0, 1)))
+    energy = _sums_directly((window**2).sum(axis=0), masks) + np.float32(ENERGY_EPSILON)
+    return np.asarray(response / np.sqrt(energy), dtype=np.float32)
 
-    Faster where many templates are compared at few shifts.
-    """
-    height, width = masks.shape[-2:]
-    under = window[
-        :, box[0].start : box[0].stop + height - 1, box[1].start : box[1].stop + width - 1
-    ]
-    pieces = np.lib.stride_tricks.sliding_window_view(under, (height, width), axis=(1, 2))
-    shape = pieces.shape[1:3]
-    pieces = np.ascontiguousarray(pieces.transpose(0, 3, 4, 1, 2)).reshape(-1, shape[0] * shape[1])
-    response = templates.reshape(len(templates), -1) @ pieces
-    pieces *= pieces
-    energies = pieces.reshape(len(window), -1, pieces.shape[1]).sum(axis=0)
-    energy = masks.reshape(len(masks), -1) @ energies + np.float32(ENERGY_EPSILON)
-    return np.asarray(response / np.sqrt(energy)).reshape(len(masks), *shape)
+
+def _sums_directly(plane: ImageArray, kernels: ImageArray) -> ImageArray:
+    """Return sums of products of a plane ``(H, W)`` with kernels ``(N, h, w)`` at every shift."""
+    pieces = np.lib.stride_tricks.sliding_window_view(plane, kernels.shape[1:])
+    rows, columns = pieces.shape[:2]
+    sums = kernels.reshape(len(kernels), -1) @ pieces.reshape(rows * columns, -1).T
+    return np.asarray(sums.reshape(-1, rows, columns))
 
 
 def sliding_sums(

@@ -11,13 +11,51 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from uasthn_cli.matching.correlate import correlate_directly, normalise_template
+from uasthn_cli.matching.shift_scores import Encoded
 from uasthn_cli.seam import Similarity
-from uasthn_cli.types import FloatArray, ImageArray
+from uasthn_cli.types import BoolArray, FloatArray, ImageArray
 
 _WHOLE = 0.999
 _AT_ONCE = 4
 _NEIGHBOURHOOD = (3, 3)
 """Interpolation smooths, and smooth features correlate better: this levels the ground."""
+
+
+class TurnedFrame:
+    """Scores hypotheses about one frame in one small window; see :data:`uasthn_cli.seam.FitScores`.
+
+    Frame and window are encoded once, however often hypotheses are asked for.
+    """
+
+    def __init__(self, members: Sequence[Encoded], mask: ImageArray, near: BoolArray) -> None:
+        """Keep a window just large enough for the shifts ``near`` ``(rows, columns)``.
+
+        Those where ``near`` holds count; ``mask`` ``(h, w)`` is the frame's.
+        """
+        self._members, self._mask, self._near = members, mask, near
+
+    def __call__(self, hypotheses: Sequence[Similarity]) -> FloatArray:
+        """Return the best score ``(n,)`` of each hypothesis."""
+        scores = []
+        for one in self._members:
+            turned, masks = turned_features(one.frame, self._mask, hypotheses)
+            templates = _templates(turned, masks)
+            found = correlate_directly(one.window, templates, masks)
+            scores.append(found * np.float32(one.temperature))
+        averaged = np.asarray(np.mean(scores, axis=0, dtype=np.float64))
+        best: FloatArray = averaged[:, self._near].max(axis=1)
+        return best
+
+
+def _templates(turned: ImageArray, masks: ImageArray) -> ImageArray:
+    """Return each hypothesis's features ``(n, C, h, w)`` as a template under its own mask."""
+    return np.concatenate(
+        [
+            normalise_template(features, mask[None])
+            for features, mask in zip(turned, masks, strict=True)
+        ]
+    )
 
 
 def turned_features(

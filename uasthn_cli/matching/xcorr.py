@@ -16,11 +16,7 @@ from uasthn_cli.matching.appearance import (
     levelled_window,
 )
 from uasthn_cli.matching.architecture import HALO_PX, STRIDE_PX
-from uasthn_cli.matching.correlate import (
-    cell_mask,
-    correlate_directly,
-    normalise_template,
-)
+from uasthn_cli.matching.correlate import cell_mask
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.encoders import Encoders, open_encoders
 from uasthn_cli.matching.ncc import luma
@@ -32,9 +28,9 @@ from uasthn_cli.matching.search import (
     within_reach,
 )
 from uasthn_cli.matching.shift_scores import Encoded, FrameScores, ViewPeaks
-from uasthn_cli.matching.similarity import turned_features
+from uasthn_cli.matching.similarity import TurnedFrame
 from uasthn_cli.matching.symmetries import encode_symmetric
-from uasthn_cli.seam import Estimate, Similarity
+from uasthn_cli.seam import Estimate, FitScores
 from uasthn_cli.types import (
     BoolArray,
     FloatArray,
@@ -141,31 +137,27 @@ class XcorrEstimator:
         confidence = posterior_mass(whole, shifts[0], stride_px * thermal.gsd_m)
         return Estimate(corners, confidence, whole)
 
-    def fit_scores(
-        self,
-        features: MapFeatures,
-        thermal: Ortho,
-        origin_px: FloatArray,
-        hypotheses: Sequence[Similarity],
-    ) -> FloatArray:
-        """Return the best score of the learned features ``(n,)`` near the prior.
+    def fit_scores(self, features: MapFeatures, thermal: Ortho, origin_px: FloatArray) -> FitScores:
+        """Return what scores hypotheses by the learned features near the prior.
 
         One orientation is enough here: the place is known.
         """
         cells = cell_mask(thermal.valid, self.stride_px).astype(np.float32)
         near = within_reach(_shifts(features, cells), origin_px / self.stride_px, _FIT_REACH_CELLS)
-        box = _box_around(near)
-        scores = []
-        for member, window in self._windows(features):
-            encoded = self._pooled(member.thermal(thermal.image, thermal.valid), thermal.valid)
-            turned, masks = turned_features(encoded, cells, hypotheses)
-            templates = _templates(turned, masks)
-            first = window[: member.channels]
-            found = correlate_directly(first, templates, masks, box)
-            scores.append(found * np.float32(member.temperature))
-        averaged = np.asarray(np.mean(scores, axis=0, dtype=np.float64))
-        best: FloatArray = averaged[:, near[box]].max(axis=1)
-        return best
+        rows, columns = _box_around(near)
+        under = (
+            slice(rows.start, rows.stop + cells.shape[0] - 1),
+            slice(columns.start, columns.stop + cells.shape[1] - 1),
+        )
+        members = [
+            Encoded(
+                window[: member.channels, *under],
+                self._pooled(member.thermal(thermal.image, thermal.valid), thermal.valid),
+                member.temperature,
+            )
+            for member, window in self._windows(features)
+        ]
+        return TurnedFrame(members, cells, near[rows, columns])
 
     def _search(self, features: MapFeatures, thermal: Ortho) -> FrameScores:
         """Return a frame and a window, encoded."""
@@ -237,13 +229,3 @@ def _box_around(near: BoolArray) -> tuple[slice, slice]:
     """Return the rows and columns that hold all true entries, of which there are some."""
     rows, columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
-
-
-def _templates(turned: ImageArray, masks: ImageArray) -> ImageArray:
-    """Return each hypothesis's features ``(n, C, h, w)`` as a template under its own mask."""
-    return np.concatenate(
-        [
-            normalise_template(features, mask[None])
-            for features, mask in zip(turned, masks, strict=True)
-        ]
-    )

@@ -23,7 +23,7 @@ from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.pipeline.frame_matcher import FrameMatcher, Scene, UnmatchableFrameError
 from uasthn_cli.pipeline.likelihoods import likelihood_of_match
-from uasthn_cli.seam import Aligner, Similarity
+from uasthn_cli.seam import Aligner
 from uasthn_cli.types import (
     Attitude,
     BoolArray,
@@ -201,18 +201,13 @@ class FlightStage:
         estimator = self._refine_matcher.estimator
         if not isinstance(estimator, Aligner):
             return None
-        seen = map(self._scene, places)
-        scenes = [scene for scene in seen if scene is not None]
-
-        def score(hypotheses: Sequence[Similarity]) -> FloatArray:
-            def fit(scene: Scene) -> FloatArray:
-                return estimator.fit_scores(
-                    scene.features, scene.thermal, scene.origin_px, hypotheses
-                )
-
-            return np.stack([fit(scene) for scene in scenes])
-
-        return constants_of_views(score) if len(scenes) >= LEAST_FRAMES else None
+        scenes = filter(None, map(self._scene, places))
+        frames = [estimator.fit_scores(s.features, s.thermal, s.origin_px) for s in scenes]
+        if len(frames) < LEAST_FRAMES:
+            return None
+        return constants_of_views(
+            lambda hypotheses: np.stack([scores_of(hypotheses) for scores_of in frames])
+        )
 
     def _scene(self, place: tuple[Prior, FloatArray]) -> Scene | None:
         """Return a frame near where its offset puts it; None where nothing can be seen."""
