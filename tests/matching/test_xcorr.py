@@ -4,6 +4,7 @@ The first iteration of an estimate is the search's own answer.
 """
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,6 +14,8 @@ from known_model import known_encoders
 from matching_scene import centred_origin, encoded, full_view, map_window, thermal_cut
 from small_flight import ground_texture
 
+from uasthn_cli.config import CropTtaConfig
+from uasthn_cli.matching import search
 from uasthn_cli.matching.appearance import CHANNELS
 from uasthn_cli.matching.architecture import HALO_PX, STRIDE_PX, XcorrArchitecture
 from uasthn_cli.matching.networks import XcorrModel
@@ -20,6 +23,7 @@ from uasthn_cli.matching.torch_encoders import TorchEncoders
 from uasthn_cli.matching.xcorr import XcorrEstimator
 from uasthn_cli.seam import Aligner, CacheableEncoder, Estimate, Similarity
 from uasthn_cli.types import FloatArray, MapWindow, Ortho
+from uasthn_cli.uncertainty.views import crop_views_px
 
 GREY = ground_texture(5)[:192, :288]
 CORNER_PX, SIZE_PX = (122, 58), (80, 64)
@@ -103,6 +107,21 @@ def test_every_view_gives_its_own_answer() -> None:
     left, right = (locate(map_window(GREY), mixed, views).corners_px - views)[:, 0]
     assert left == pytest.approx(CORNER_PX, abs=0.5)
     assert right == pytest.approx((CORNER_PX[0] + 8, CORNER_PX[1] - 6), abs=0.5)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_views_sought_around_peaks_are_where_a_search_of_all_shifts_has_them(
+    noise: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cut = thermal_cut(GREY, CORNER_PX, SIZE_PX)
+    image = cut.image + noise * np.random.default_rng(3).normal(size=cut.image.shape)
+    thermal = replace(cut, image=image.astype(np.float32))
+    views = crop_views_px(*SIZE_PX, CropTtaConfig(views=5), "frame.png")
+    around_peaks = locate(map_window(GREY), thermal, views).corners_px
+    monkeypatch.setattr(search, "_BOX_REACH_CELLS", max(GREY.shape))
+    assert len(list(search.peak_boxes(np.zeros((30, 40))))) == 1
+    everywhere = locate(map_window(GREY), thermal, views).corners_px
+    assert around_peaks == pytest.approx(everywhere, abs=1e-2)
 
 
 def test_belief_is_high_in_a_singular_place_and_low_among_look_alikes() -> None:

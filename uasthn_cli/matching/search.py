@@ -15,8 +15,11 @@ MIN_OVERLAP = 0.5
 _CONFIDENCE_RADIUS_CELLS = 3.0
 
 _BOX_REACH_CELLS = 5
-_RIVAL_NATS = 6.0
-_MOST_RIVALS = 4
+_BELOW_BEST_NATS = 6.0
+_MOST_BOXES = 4
+
+Box = tuple[slice, slice]
+"""Rows and columns of shifts."""
 
 
 def view_masks(views_px: FloatArray, valid: BoolArray, stride_px: int) -> ImageArray:
@@ -66,7 +69,7 @@ def within_reach(
     return near
 
 
-def peak_boxes(scores: FloatArray) -> Iterator[tuple[slice, slice]]:
+def peak_boxes(scores: FloatArray) -> Iterator[Box]:
     """Yield boxes of shifts, rows and columns, around the places that another view may prefer.
 
     ``scores`` ``(rows, columns)`` are the whole frame's; the boxes lie around its highest local
@@ -78,7 +81,7 @@ def peak_boxes(scores: FloatArray) -> Iterator[tuple[slice, slice]]:
         return
     field = np.where(finite, scores, scores[finite].min()).astype(np.float32)
     is_peak = (field >= cv2.dilate(field, np.ones((3, 3), np.uint8))) & finite
-    is_peak &= scores >= scores.max() - _RIVAL_NATS
+    is_peak &= scores >= scores.max() - _BELOW_BEST_NATS
     rows, columns = np.nonzero(is_peak)
     order = np.argsort(-scores[rows, columns], kind="stable")
     taken: list[tuple[int, int]] = []
@@ -86,7 +89,7 @@ def peak_boxes(scores: FloatArray) -> Iterator[tuple[slice, slice]]:
         if all(max(abs(row - r), abs(column - c)) > _BOX_REACH_CELLS for r, c in taken):
             taken.append((row, column))
             yield _around(row, scores.shape[0]), _around(column, scores.shape[1])
-            if len(taken) == _MOST_RIVALS:
+            if len(taken) == _MOST_BOXES:
                 return
 
 

@@ -1,13 +1,13 @@
 """Log-likelihoods of the shifts of one frame in one window, of any of its views."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from uasthn_cli.matching.appearance import appearance_scores
 from uasthn_cli.matching.correlate import correlate, normalise_template, sliding_sums
-from uasthn_cli.matching.search import MIN_OVERLAP, best_shift
+from uasthn_cli.matching.search import MIN_OVERLAP, Box, best_shift
 from uasthn_cli.types import BoolArray, FloatArray, ImageArray
 
 
@@ -37,20 +37,27 @@ class FrameScores:
         self._last = (rows - 1, columns - 1)
         self.shape = (valid.shape[0] - self._last[0], valid.shape[1] - self._last[1])
 
-    def scores(self, masks: ImageArray, box: tuple[slice, slice]) -> FloatArray:
-        """Return the scores ``(N, rows, columns)`` of views at the shifts in a box.
+    def scores(self, masks: ImageArray, boxes: Iterable[Box]) -> Iterator[FloatArray]:
+        """Yield the scores ``(N, rows, columns)`` of views at the shifts in each box.
 
         ``masks`` ``(N, h, w)``; -inf where a view lies too far beyond valid map.
         """
-        under = (
-            slice(None),
-            slice(box[0].start, box[0].stop + self._last[0]),
-            slice(box[1].start, box[1].stop + self._last[1]),
-        )
+        templates = [normalise_template(one.frame, masks) for one in self._members]
+        for rows, columns in boxes:
+            under = (
+                slice(None),
+                slice(rows.start, rows.stop + self._last[0]),
+                slice(columns.start, columns.stop + self._last[1]),
+            )
+            yield self._scores_under(under, templates, masks)
+
+    def _scores_under(
+        self, under: tuple[slice, slice, slice], templates: Sequence[ImageArray], masks: ImageArray
+    ) -> FloatArray:
+        """Return the scores of views at all shifts inside a part of the window."""
         learned = [
-            correlate(one.window[under], normalise_template(one.frame, masks), masks)
-            * np.float32(one.temperature)
-            for one in self._members
+            correlate(one.window[under], template, masks) * np.float32(one.temperature)
+            for one, template in zip(self._members, templates, strict=True)
         ]
         scores = np.mean(learned, axis=0, dtype=np.float64)
         if self._levelled is not None and self._cells is not None:
@@ -70,8 +77,8 @@ class ViewPeaks:
         self.shifts = [otherwise] * views
         self._best = np.full(views, -np.inf)
 
-    def take(self, scores: FloatArray, box: tuple[slice, slice]) -> None:
-        """Heed scores ``(views, rows, columns)`` of a box of shifts."""
+    def update(self, scores: FloatArray, box: Box) -> None:
+        """Let each view move to its best shift in a box, ``(views, rows, columns)``, if better."""
         for view, own in enumerate(scores):
             best = float(own.max())
             if best > self._best[view]:

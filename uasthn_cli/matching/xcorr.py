@@ -21,6 +21,7 @@ from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.encoders import Encoders, open_encoders
 from uasthn_cli.matching.ncc import luma
 from uasthn_cli.matching.search import (
+    Box,
     best_shift,
     peak_boxes,
     posterior_mass,
@@ -124,14 +125,14 @@ class XcorrEstimator:
         if evidence is None:
             evidence = np.zeros(search.shape)
         everywhere = (slice(0, search.shape[0]), slice(0, search.shape[1]))
-        whole = search.scores(masks[:1], everywhere)[0] + evidence
+        whole = next(search.scores(masks[:1], [everywhere]))[0] + evidence
         whole = np.where(reachable, whole, -np.inf)
         shifts = [best_shift(whole, otherwise=prior_shift)]
         if len(masks) > 1:
             found = ViewPeaks(len(masks) - 1, prior_shift)
-            for box in peak_boxes(whole):
-                scores = search.scores(masks[1:], box) + evidence[box]
-                found.take(np.where(reachable[box], scores, -np.inf), box)
+            boxes = list(peak_boxes(whole))
+            for box, scores in zip(boxes, search.scores(masks[1:], boxes), strict=True):
+                found.update(np.where(reachable[box], scores + evidence[box], -np.inf), box)
             shifts.extend(found.shifts)
         corners = views_px + np.stack(shifts)[:, None] * stride_px
         confidence = posterior_mass(whole, shifts[0], stride_px * thermal.gsd_m)
@@ -225,7 +226,7 @@ def _shifts(features: MapFeatures, cells: ImageArray) -> tuple[int, int]:
     return rows - cells.shape[0] + 1, columns - cells.shape[1] + 1
 
 
-def _box_around(near: BoolArray) -> tuple[slice, slice]:
+def _box_around(near: BoolArray) -> Box:
     """Return the rows and columns that hold all true entries, of which there are some."""
     rows, columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
