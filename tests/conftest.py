@@ -2,14 +2,11 @@
 
 import logging
 import os
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
-
-from uasthn_cli.pipeline import parallel
 
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
@@ -24,12 +21,6 @@ def shared_dir() -> Path:
     if not folder.is_dir():
         pytest.skip("../shared is not here")
     return folder
-
-
-@pytest.fixture
-def can_fork(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let several processes work although other tests have loaded torch, which these do not use."""
-    monkeypatch.setattr(parallel, "can_fork", lambda: sys.platform == "linux")
 
 
 @pytest.fixture(autouse=True)

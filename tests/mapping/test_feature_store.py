@@ -166,7 +166,8 @@ def test_what_cannot_be_read_is_computed_with_one_warning(
     assert len(caplog.records) == 1
 
 
-def test_processes_put_and_get_the_same_entries(tmp_path: Path, can_fork: None) -> None:
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
+def test_processes_put_and_get_the_same_entries(tmp_path: Path) -> None:
     entry_bytes = 64 + VALUES.nbytes
     store = FeatureStore(tmp_path, max_bytes=4 * entry_bytes)
 

@@ -1,5 +1,6 @@
 """Windows land where the conventions say, whatever the map's bands, bits, CRS and holes."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -283,9 +284,8 @@ def test_a_window_is_the_same_however_it_is_cut(
     np.testing.assert_allclose(part.image, whole.image[17:38, 25:58], atol=0.02)
 
 
-def test_processes_read_what_one_alone_reads(
-    write_map: Any, frame: LocalFrame, can_fork: None
-) -> None:
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
+def test_processes_read_what_one_alone_reads(write_map: Any, frame: LocalFrame) -> None:
     path = write_map(noise(240, 400, 3, dtype="uint16", high=4000))
     boxes = [GridBox(column, row, 60, 40) for column in (-20, 50, 130) for row in (-10, 40)] * 4
     with MapReader(path, frame, 2.5) as reader:

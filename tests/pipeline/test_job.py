@@ -19,7 +19,7 @@ from uasthn_cli.config import (
 )
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.pipeline import GeotagJob, open_run
-from uasthn_cli.pipeline.job import chosen_calibration, chosen_uncertainty
+from uasthn_cli.pipeline.job import chosen_calibration, chosen_uncertainty, settled_jobs
 from uasthn_cli.uncertainty.calibration import AnswerKind, load_calibration
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
 
@@ -178,3 +178,23 @@ def test_what_weights_may_change_is_judged_when_they_are_known() -> None:
     assert chosen_uncertainty(calibrated, has_head=False).method is UeMethod.NONE
     with pytest.raises(ValueError, match="promises nothing of --estimator dhn --ue dm"):
         chosen_uncertainty(calibrated, has_head=True)
+
+
+@pytest.mark.parametrize(
+    ("asked", "obstacle", "settled", "is_warned"),
+    [(3, None, 3, False), (3, "torch is loaded", 1, True), (None, "torch is loaded", 1, False)],
+)
+def test_fewer_processes_than_asked_for_are_said(
+    asked: int | None,
+    obstacle: str | None,
+    settled: int,
+    is_warned: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr("uasthn_cli.pipeline.job.why_no_fork", lambda: obstacle)
+    monkeypatch.setattr("uasthn_cli.pipeline.job.cores_for_jobs", lambda: 2)
+    assert settled_jobs(replace(job(0, estimator="ncc"), jobs=asked)) == settled
+    warnings = [record for record in caplog.records if record.levelname == "WARNING"]
+    assert len(warnings) == is_warned
+    assert ("torch is loaded" in caplog.text) == is_warned

@@ -59,6 +59,8 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
                     wall_s=time.perf_counter() - started_s,
                     computed_frames=outcome.computed_frames,
                     stage_s={**run.timings, "write": outcome.write_s},
+                    jobs=run.jobs,
+                    cache_dir=job.cache_dir,
                 ),
                 calibration=run.calibration,
                 flight=None if outcome.flight is None else flight_record(outcome.flight),

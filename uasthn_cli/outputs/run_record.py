@@ -28,13 +28,16 @@ class RunTiming:
     """How long a run took: everything that differs between identical runs.
 
     ``stage_s`` holds seconds by stage, ``computed_frames`` the frames computed in this process
-    (the others were read back from a journal).
+    (the others were read back from a journal), ``jobs`` how many were looked at at once, and
+    ``cache_dir`` where map features are kept for later runs.
     """
 
     started_utc_s: float
     wall_s: float
     computed_frames: int
     stage_s: Mapping[str, float]
+    jobs: int = 1
+    cache_dir: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +198,8 @@ def _timing_section(timing: RunTiming) -> dict[str, Any]:
         "started_utc": iso_utc(timing.started_utc_s),
         "wall_s": round(timing.wall_s, 3),
         "computed_frames": frames,
+        "jobs": timing.jobs,
+        "cache": timing.cache_dir,
         "frames_per_s": _rate(frames, timing.wall_s),
         "stages": {
             name: {"seconds": round(seconds, 3), "frames_per_s": _rate(frames, seconds)}

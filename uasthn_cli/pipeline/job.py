@@ -1,5 +1,6 @@
 """What one run is asked to do, and by which method it tells the uncertainty of its answers."""
 
+import logging
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -8,7 +9,7 @@ from uasthn_cli.config import Aggregation, GeotagConfig, Merge, PriorConfig, UeM
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching.registry import spec_of
 from uasthn_cli.matching.spec import EstimatorSpec
-from uasthn_cli.pipeline.parallel import cores_for_jobs
+from uasthn_cli.pipeline.parallel import cores_for_jobs, why_no_fork
 from uasthn_cli.uncertainty.calibration import AnswerKind, Calibration, load_calibration
 from uasthn_cli.uncertainty.methods import (
     OF_CROPS,
@@ -19,6 +20,8 @@ from uasthn_cli.uncertainty.methods import (
     refusal,
     richest_method,
 )
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +100,17 @@ def chosen_jobs(job: GeotagJob) -> int:
             f"--estimator {job.config.estimator} looks at one frame at a time: leave out --jobs"
         )
     return 1
+
+
+def settled_jobs(job: GeotagJob) -> int:
+    """Return how many processes look at frames, now that everything is loaded, and say so."""
+    asked, reason = chosen_jobs(job), why_no_fork()
+    if asked > 1 and reason is not None:
+        level = logging.INFO if job.jobs is None else logging.WARNING
+        _log.log(level, "one process looks at all frames, not %d: %s", asked, reason)
+        return 1
+    _log.info("%d frames are looked at at once", asked)
+    return asked
 
 
 def chosen_uncertainty(job: GeotagJob, *, has_head: bool | None = None) -> UncertaintyChoice:

@@ -7,7 +7,6 @@ calls lies too much Python.
 """
 
 import ctypes
-import logging
 import math
 import multiprocessing
 import os
@@ -27,8 +26,6 @@ from threadpoolctl import threadpool_limits
 
 from uasthn_cli.errors import WorkerLostError
 
-_log = logging.getLogger(__name__)
-
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 
@@ -47,12 +44,11 @@ _functions: dict[int, Callable[[Any], Any]] = {}
 """What forked processes do, by number: they inherit it, for it cannot be sent to them."""
 
 
-def can_fork() -> bool:
-    """Tell whether several processes are to be had here.
-
-    Elsewhere than on Linux system libraries do not survive a fork, nor does torch once it is used.
-    """
-    return sys.platform == "linux" and "torch" not in sys.modules
+def why_no_fork() -> str | None:
+    """Return why there cannot be several processes here; None: there can."""
+    if sys.platform != "linux":
+        return "elsewhere than on Linux, system libraries do not survive a fork"
+    return "torch is loaded, which does not survive a fork" if "torch" in sys.modules else None
 
 
 def cores_for_jobs() -> int:
@@ -89,14 +85,12 @@ def in_order(function: Callable[[_T], _R], items: Iterable[_T], jobs: int) -> It
     """Yield ``function`` of each item, in order, computed by ``jobs`` processes (1: by this one).
 
     Items and results are sent between processes, ``function`` is not. When the caller stops early,
-    by an exception or Ctrl-C, nothing further is begun.
+    by an exception or Ctrl-C, nothing further is begun. Several take :func:`why_no_fork` to be
+    None.
 
     Raises:
         WorkerLostError: a process was killed.
     """
-    if jobs > 1 and not can_fork():
-        _log.info("processes cannot be forked here: one looks at all frames")
-        jobs = 1
     if jobs <= 1:
         yield from map(function, items)
         return

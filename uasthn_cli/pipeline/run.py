@@ -28,7 +28,13 @@ from uasthn_cli.pipeline.flight_stage import FlightStage, FusedFlight, RebuildPr
 from uasthn_cli.pipeline.frame_matcher import FrameMatcher
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
-from uasthn_cli.pipeline.job import GeotagJob, chosen_calibration, chosen_jobs, chosen_uncertainty
+from uasthn_cli.pipeline.job import (
+    GeotagJob,
+    chosen_calibration,
+    chosen_jobs,
+    chosen_uncertainty,
+    settled_jobs,
+)
 from uasthn_cli.pipeline.matchers import MatcherBuilder, choose_gsds_m, shared_frame
 from uasthn_cli.pipeline.parallel import in_order, one_core_each
 from uasthn_cli.pipeline.timing import StageTimer
@@ -72,7 +78,7 @@ class Run:
     ) -> None:
         """Wire the stages together; ``matchers`` search, and refine near a known place."""
         self.priors, self.map_crs, self._timer = priors, map_crs, timer
-        self.camera, self.fuses, self._jobs = job.camera, job.config.fuse, chosen_jobs(job)
+        self.camera, self.fuses, self.jobs = job.camera, job.config.fuse, settled_jobs(job)
         self._shares_out = job.spec.works_in_processes
         self._search_matcher, self._refine_matcher = matchers
         self.calibration = chosen_calibration(job)
@@ -111,7 +117,7 @@ class Run:
             return result, os.getpid(), spent_s
 
         with one_core_each() if self._shares_out else nullcontext():
-            for result, process, spent_s in in_order(timed, items, self._jobs):
+            for result, process, spent_s in in_order(timed, items, self.jobs):
                 if process != os.getpid():
                     self._timer.add(spent_s)
                 yield result
