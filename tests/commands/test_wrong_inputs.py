@@ -29,7 +29,7 @@ main(prog_name="uasthn")
 """The program, deaf to a parent in the background that ignores Ctrl-C and bequeathed that."""
 
 RESULTS = ["frames.csv", "frames.geojson", "run.json"]
-JOURNALS = [".frames.partial.jsonl", ".near.partial.jsonl"]
+JOURNALS = [".frames.partial.jsonl", ".refined.partial.jsonl"]
 
 
 def geotag(flight: Flight, out: Path, *extra: str) -> Result:

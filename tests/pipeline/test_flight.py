@@ -179,7 +179,7 @@ def biased(
     flight = make_posed_flight(folder, lane_poses(), mount_yaw_deg, faults)
     estimator = XcorrEstimator(known_encoders(), symmetries=1)
     with opened(flight, estimator, gsd_m=2.0, **QUICK) as run:
-        assert run.describe()["near_map_gsd_m"] == pytest.approx(MAP_GSD_M, rel=1e-3)
+        assert run.describe()["refine_map_gsd_m"] == pytest.approx(MAP_GSD_M, rel=1e-3)
         return flight, fused(run)
 
 
@@ -263,7 +263,7 @@ def _refined_by_name(run: Run, outcome: Fused) -> list[tuple[str, RefinedFrame]]
 def test_without_fusion_nothing_finer_is_opened(lanes: PosedFlight, clean: Fused) -> None:
     with opened(lanes, fuse=False, gsd_m=2.0, **QUICK) as run:
         described = run.describe()
-    assert described["near_map_gsd_m"] == described["map_gsd_m"] == 2.0
+    assert described["refine_map_gsd_m"] == described["map_gsd_m"] == 2.0
     with opened(lanes, fuse=False, **QUICK) as run:
         assert lines(drive(run).results) == lines([*clean.singles])
 

@@ -23,7 +23,7 @@ def test_flights_of_one_area_share_the_maps_grid(tmp_path: Path) -> None:
         poses = (Pose(190.0 + 15 * number, 200.0, height_m=height_m),)
         with opened(make_posed_flight(tmp_path / str(number), poses)) as run:
             described.append(run.describe())
-    for name in ("map_gsd_m", "near_map_gsd_m", "local_origin"):
+    for name in ("map_gsd_m", "refine_map_gsd_m", "local_origin"):
         assert described[0][name] == described[1][name]
 
 

@@ -43,7 +43,7 @@ LOCATED: Final = JournalKind(
 """What frames gave alone."""
 
 REFINED: Final = JournalKind(
-    ".near.partial.jsonl",
+    ".refined.partial.jsonl",
     encode_refined_frame,
     decode_refined_frame,
     lambda entry: entry.frame.name,

@@ -1,11 +1,27 @@
 """Open the networks of a run: the base network, and further members of its ensemble."""
 
+import logging
+from dataclasses import replace
+
 from uasthn_cli.config import COARSE_REFINE_SYMMETRIES
 from uasthn_cli.errors import WeightsError
+from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.registry import open_estimator
+from uasthn_cli.matching.spec import WeightsUse
 from uasthn_cli.pipeline.job import GeotagJob, chosen_uncertainty
 from uasthn_cli.seam import Estimator, SelfAssessor
 from uasthn_cli.uncertainty.methods import UncertaintyChoice
+
+_log = logging.getLogger(__name__)
+
+
+def with_settled_device(job: GeotagJob) -> GeotagJob:
+    """Return a job whose networks, if it has any, run on ``cpu`` or ``cuda``, not ``auto``."""
+    if job.spec.weights is WeightsUse.NONE:
+        return job
+    device = choose_device(job.config.device)
+    _log.info("networks run on %s", device)
+    return replace(job, config=replace(job.config, device=device))
 
 
 def open_base(
@@ -29,17 +45,25 @@ def open_base(
     )
 
 
+def refine_symmetries(job: GeotagJob, *, is_finer: bool) -> int | None:
+    """Return in how many orientations frames are refined; None for an estimator of one.
+
+    On a grid no finer than the search's, a network's own bias to one side matters: seen upside down
+    too, it cancels.
+    """
+    if not job.spec.has_symmetries:
+        return None
+    return 1 if is_finer else COARSE_REFINE_SYMMETRIES
+
+
 def open_refine_estimator(job: GeotagJob, base: Estimator, *, is_finer: bool) -> Estimator:
     """Return what refines near a known place, on a finer grid than the search's or on the same.
-
-    On a coarse grid a network's own lopsidedness matters: seen upside down too, it cancels.
 
     Raises:
         WeightsError: the weights cannot be used.
     """
-    if not job.spec.has_symmetries:
-        return base
-    return open_base(job, symmetries=1 if is_finer else COARSE_REFINE_SYMMETRIES)
+    symmetries = refine_symmetries(job, is_finer=is_finer)
+    return base if symmetries is None else open_base(job, symmetries=symmetries)
 
 
 def open_members(job: GeotagJob) -> list[Estimator]:

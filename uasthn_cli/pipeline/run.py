@@ -18,11 +18,14 @@ from uasthn_cli.ingest.mavlink import read_telemetry
 from uasthn_cli.ingest.priors import PriorSet, build_priors
 from uasthn_cli.ingest.telemetry import Telemetry
 from uasthn_cli.mapping.reader import native_gsd_m
+from uasthn_cli.matching.spec import WeightsUse
 from uasthn_cli.pipeline.estimators import (
     open_base,
     open_refine_estimator,
+    refine_symmetries,
     says_deviations,
     settled_uncertainty,
+    with_settled_device,
 )
 from uasthn_cli.pipeline.flight_stage import FlightStage, FusedFlight, RebuildPriors
 from uasthn_cli.pipeline.frame_matcher import FrameMatcher
@@ -77,9 +80,8 @@ class Run:
         timer: StageTimer,
     ) -> None:
         """Wire the stages together; ``matchers`` search, and refine near a known place."""
-        self.priors, self.map_crs, self._timer = priors, map_crs, timer
+        self.priors, self.map_crs, self._timer, self._job = priors, map_crs, timer, job
         self.camera, self.fuses, self.jobs = job.camera, job.config.fuse, settled_jobs(job)
-        self._shares_out = job.spec.works_in_processes
         self._search_matcher, self._refine_matcher = matchers
         self.calibration = chosen_calibration(job)
         self._trust_model = TrustModel(job.config, self.calibration, map_pixel_m)
@@ -116,7 +118,7 @@ class Run:
             spent_s = {k: s - before_s.get(k, 0.0) for k, s in self._timer.seconds.items()}
             return result, os.getpid(), spent_s
 
-        with one_core_each() if self._shares_out else nullcontext():
+        with one_core_each() if self._job.spec.works_in_processes else nullcontext():
             for result, process, spent_s in in_order(timed, items, self.jobs):
                 if process != os.getpid():
                     self._timer.add(spent_s)
@@ -154,7 +156,7 @@ class Run:
 
     def describe(self) -> dict[str, Any]:
         """Return what was chosen for this run, ready for ``run.json``."""
-        local = self._search_matcher.local
+        local, spec = self._search_matcher.local, self._job.spec
         return {
             "time_base": {
                 "base": str(self.priors.time_base.base),
@@ -166,9 +168,19 @@ class Run:
             "uncertainty": self._described_uncertainty(),
             "map_pixel_m": round(self._map_pixel_m, 6),
             "map_gsd_m": round(self._search_matcher.grid.gsd_m, 6),
-            "near_map_gsd_m": round(self._refine_matcher.grid.gsd_m, 6),
+            "refine_map_gsd_m": round(self._refine_matcher.grid.gsd_m, 6),
+            "refine_symmetries": self._refine_symmetries,
+            "device": None if spec.weights is WeightsUse.NONE else self._job.config.device,
             "local_origin": {"lat": local.lat_deg, "lon": local.lon_deg},
         }
+
+    @property
+    def _refine_symmetries(self) -> int | None:
+        """In how many orientations frames are refined; None where they are not, or take but one."""
+        if not self.fuses:
+            return None
+        gsds_m = (matcher.grid.gsd_m for matcher in (self._refine_matcher, self._search_matcher))
+        return refine_symmetries(self._job, is_finer=_is_finer(*gsds_m))
 
     def _described_uncertainty(self) -> dict[str, Any]:
         """Return by which method uncertainties were told, and from how many answers."""
@@ -191,6 +203,7 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         ValueError: what the job asks for contradicts itself.
     """
     job = replace(job, calibration=chosen_calibration(job, is_given=estimator is not None))
+    job = job if estimator else with_settled_device(job)
     has_head = None if estimator is None else says_deviations(estimator)
     chosen_uncertainty(job, has_head=has_head)
     timer = StageTimer()
@@ -228,7 +241,7 @@ def _opened(
     second = None if estimator else build.second_scale(search_gsd_m)
     members = build.members(search_map)
     search_matcher = build.matcher(search_map, base, search_tiles, second=second, members=members)
-    is_finer = refine_gsd_m < _FINER * search_gsd_m
+    is_finer = _is_finer(refine_gsd_m, search_gsd_m)
     refine_matcher = search_matcher
     if job.config.fuse:
         refine_map = build.open_map(refine_gsd_m) if is_finer else search_map
@@ -237,6 +250,11 @@ def _opened(
     matchers = search_matcher, refine_matcher
     crs = search_map.place.crs_wkt
     return Run(job, priors, rebuild, matchers, uncertainty, crs, native_m, timer)
+
+
+def _is_finer(refine_gsd_m: float, search_gsd_m: float) -> bool:
+    """Tell whether a refinement's grid is worth having beside the search's."""
+    return refine_gsd_m < _FINER * search_gsd_m
 
 
 def _with_shared_features(job: GeotagJob, opened: ExitStack) -> GeotagJob:
