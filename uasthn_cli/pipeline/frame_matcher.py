@@ -109,8 +109,8 @@ class FrameMatcher:
             estimator: Finds a frame in features.
             local: Where metres are counted from.
             timer: Told how long each stage took.
-            second: Matches at another GSD; its scores are added: two scales tell places apart better
-                than one. Where the place is known, the finer one alone is the more precise.
+            second: Matches at another GSD; its scores are added: two scales tell places apart
+                better than one. Where the place is known, the finer one alone is more precise.
             members: Further networks of an ensemble, asked for the whole frame at the same GSD.
         """
         self.grid, self.estimator, self.local = grid, estimator, local
