@@ -12,12 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from uasthn_cli.geometry.camera import (
     HorizonError,
-    attitude_from_rotation,
     camera_matrix,
     distortion_coefficients,
     focal_from_hfov_px,
     homography_frame_ground,
-    rotation_ned_from_body,
     tilt_rad,
     undistort_points,
 )
@@ -29,35 +27,8 @@ CENTRE = np.array([[CAMERA.principal_x_px, CAMERA.principal_y_px]])
 LEVEL = Attitude(0.0, 0.0, 0.0)
 
 angles = st.floats(-math.pi, math.pi)
-pitches = st.floats(-1.5, 1.5)
 small_tilts = st.floats(-0.3, 0.3)
-attitudes = st.builds(Attitude, angles, pitches, angles)
 nadir_attitudes = st.builds(Attitude, small_tilts, small_tilts, angles)
-
-
-@given(attitudes)
-def test_rotation_is_yaw_then_pitch_then_roll(attitude: Attitude) -> None:
-    expected = Rotation.from_euler(
-        "ZYX", [attitude.yaw_rad, attitude.pitch_rad, attitude.roll_rad]
-    ).as_matrix()
-    np.testing.assert_allclose(rotation_ned_from_body(attitude), expected, atol=1e-12)
-
-
-@given(attitudes)
-def test_attitude_survives_the_round_trip(attitude: Attitude) -> None:
-    again = attitude_from_rotation(rotation_ned_from_body(attitude))
-    assert again.pitch_rad == pytest.approx(attitude.pitch_rad, abs=1e-9)
-    for got, want in ((again.roll_rad, attitude.roll_rad), (again.yaw_rad, attitude.yaw_rad)):
-        assert math.remainder(got - want, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
-
-
-@given(angles, st.sampled_from([-math.pi / 2, math.pi / 2]), angles)
-def test_looking_along_the_vertical_keeps_the_rotation(
-    roll_rad: float, pitch_rad: float, yaw_rad: float
-) -> None:
-    rotation = rotation_ned_from_body(Attitude(roll_rad, pitch_rad, yaw_rad))
-    again = rotation_ned_from_body(attitude_from_rotation(rotation))
-    np.testing.assert_allclose(again, rotation, atol=1e-9)
 
 
 @given(nadir_attitudes)

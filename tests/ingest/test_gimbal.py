@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from simple_flight_log import START_UTC_S, true_angles_rad, write_flight
 
 from uasthn_cli.config import PriorConfig
-from uasthn_cli.geometry.camera import rotation_ned_from_body
+from uasthn_cli.geometry.rotation import rotation_ned_from_body
 from uasthn_cli.ingest.gimbal import camera_attitude
 from uasthn_cli.ingest.interpolate import Segment, Track
 from uasthn_cli.ingest.mavlink import TlogWriter, read_telemetry

@@ -54,7 +54,9 @@ def test_blocks_of_any_size_give_the_same(largest: int, monkeypatch: pytest.Monk
 
 def test_sums_are_of_the_pairs_that_are_named() -> None:
     window, features, _ = scene(2)
-    sums = sliding_sums(window, features[None], [(slice(0, 2), slice(1, 3)), (2, 0)])
+    sums = sliding_sums(
+        window, features[None], [(slice(0, 2), slice(1, 3)), (slice(2, 3), slice(0, 1))]
+    )
     assert sums.shape[:2] == (1, 2)
     under = window[:, 7 : 7 + CANVAS[0], 11 : 11 + CANVAS[1]]
     pairs = float((under[0:2] * features[1:3]).sum()), float((under[2] * features[0]).sum())

@@ -1,8 +1,7 @@
-"""Pinhole camera, attitude, and the ground plane.
+"""Pinhole camera and the ground plane.
 
-Attitude follows MAVLink ``ATTITUDE``: roll, pitch, yaw in radians turn north-east-down into the
-body (x forward, y right, z down; rotation order yaw, pitch, roll). A nadir camera looks along
-body z with the image's top towards body x, turned by the mount yaw.
+A nadir camera looks along body z with the image's top towards body x, turned by the mount yaw; body
+axes are those of :mod:`uasthn_cli.geometry.rotation`.
 """
 
 import math
@@ -10,10 +9,8 @@ import math
 import cv2
 import numpy as np
 
+from uasthn_cli.geometry.rotation import rotation_ned_from_body
 from uasthn_cli.types import Attitude, CameraModel, FloatArray
-
-_GIMBAL_LOCK = 1e-9
-"""Cosine of pitch below which roll and yaw cannot be told apart."""
 
 _OPENCV_DISTORTION_LENGTHS = (4, 5, 8, 12, 14)
 _UNDISTORTION_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-6)
@@ -22,37 +19,6 @@ _UNDISTORTION_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 
 
 class HorizonError(ValueError):
     """Part of the image looks at or above the horizon, so it has no place on the ground."""
-
-
-def rotation_ned_from_body(attitude: Attitude) -> FloatArray:
-    """Return the rotation ``(3, 3)`` from body axes to north-east-down."""
-    cr, sr = math.cos(attitude.roll_rad), math.sin(attitude.roll_rad)
-    cp, sp = math.cos(attitude.pitch_rad), math.sin(attitude.pitch_rad)
-    cy, sy = math.cos(attitude.yaw_rad), math.sin(attitude.yaw_rad)
-    return np.array(
-        [
-            [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],
-            [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
-            [-sp, sr * cp, cr * cp],
-        ]
-    )
-
-
-def attitude_from_rotation(rotation: FloatArray) -> Attitude:
-    """Return roll, pitch, yaw of a rotation ``(3, 3)`` from body axes to north-east-down.
-
-    Pointing straight up or down, roll and yaw turn about the same axis: the turn is then given to
-    yaw, and roll is 0.
-    """
-    cos_pitch = math.hypot(rotation[0, 0], rotation[1, 0])
-    pitch_rad = math.atan2(-rotation[2, 0], cos_pitch)
-    if cos_pitch < _GIMBAL_LOCK:
-        return Attitude(0.0, pitch_rad, math.atan2(-rotation[0, 1], rotation[1, 1]))
-    return Attitude(
-        roll_rad=math.atan2(rotation[2, 1], rotation[2, 2]),
-        pitch_rad=pitch_rad,
-        yaw_rad=math.atan2(rotation[1, 0], rotation[0, 0]),
-    )
 
 
 def camera_matrix(camera: CameraModel) -> FloatArray:

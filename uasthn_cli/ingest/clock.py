@@ -10,7 +10,6 @@ median delay of the ground station's stamps.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from uasthn_cli.config import TimeBase
 from uasthn_cli.ingest.telemetry import IntArray, Stamps, Telemetry
@@ -120,10 +119,20 @@ def _starts(boot_s: FloatArray, record_s: FloatArray) -> list[int]:
     boots = [0, *_reboots(boot_s)]
     for start, end in zip(boots, [*boots[1:], len(boot_s)], strict=True):
         lead_s = record_s[start:end] - boot_s[start:end]
-        usual_s = median_filter(lead_s, size=_STEP_MESSAGES, mode="nearest")
-        steps = np.flatnonzero(np.abs(np.diff(usual_s)) > _CLOCK_STEP_S) + 1
-        starts += [start, *(start + int(step) for step in steps)]
+        starts += [start, *(start + step for step in _steps(lead_s))]
     return starts
+
+
+def _steps(lead_s: FloatArray) -> list[int]:
+    """Return where the record clock was set, in its leads ``(n,)`` over boot time."""
+    if not len(lead_s) or np.ptp(lead_s) <= _CLOCK_STEP_S:
+        return []
+    # takes a third of a second to import, and hardly any log needs it
+    from scipy.ndimage import median_filter  # noqa: PLC0415
+
+    usual_s = median_filter(lead_s, size=_STEP_MESSAGES, mode="nearest")
+    found: list[int] = (np.flatnonzero(np.abs(np.diff(usual_s)) > _CLOCK_STEP_S) + 1).tolist()
+    return found
 
 
 def _reboots(boot_s: FloatArray) -> list[int]:

@@ -1,14 +1,19 @@
 """A gimbal's attitude as that of a body to which a nadir camera would be bolted."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from uasthn_cli.geometry.rotation import (
+    attitude_from_rotation,
+    rotation_between,
+    rotation_from_quaternion,
+    rotation_ned_from_body,
+)
 from uasthn_cli.ingest.clock import Clock
-from uasthn_cli.ingest.interpolate import Track, make_track, slerp
+from uasthn_cli.ingest.interpolate import Track, make_track
 from uasthn_cli.ingest.telemetry import GimbalAttitudes
-from uasthn_cli.types import Attitude
+from uasthn_cli.types import Attitude, FloatArray
 
-_GIMBAL_FROM_BODY = Rotation.from_euler("Y", 90.0, degrees=True)
+_GIMBAL_FROM_BODY = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 """Axes of the equivalent body in gimbal axes.
 
 A gimbal's x axis is the camera's optical axis, its -z axis the top of the image. A nadir camera
@@ -38,11 +43,10 @@ def camera_attitude(track: Track, time_s: float, max_gap_s: float, body: Attitud
         _ned_from_gimbal(sample[:4], bool(sample[4] > 0.5), body.yaw_rad)
         for sample in (bracket.before, bracket.after)
     )
-    turn = slerp(before, after, bracket.fraction) * _GIMBAL_FROM_BODY
-    yaw, pitch, roll = turn.as_euler("ZYX")
-    return Attitude(roll_rad=float(roll), pitch_rad=float(pitch), yaw_rad=float(yaw))
+    turn = rotation_between(before, after, bracket.fraction) @ _GIMBAL_FROM_BODY
+    return attitude_from_rotation(turn)
 
 
-def _ned_from_gimbal(quaternion_xyzw: np.ndarray, earth: bool, heading_rad: float) -> Rotation:
-    own = Rotation.from_quat(quaternion_xyzw)
-    return own if earth else Rotation.from_euler("Z", heading_rad) * own
+def _ned_from_gimbal(quaternion_xyzw: FloatArray, earth: bool, heading_rad: float) -> FloatArray:
+    own = rotation_from_quaternion(quaternion_xyzw)
+    return own if earth else rotation_ned_from_body(Attitude(0.0, 0.0, heading_rad)) @ own

@@ -4,8 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
+from uasthn_cli.geometry.rotation import (
+    attitude_from_rotation,
+    rotation_between,
+    rotation_ned_from_body,
+)
 from uasthn_cli.ingest.clock import Clock
 from uasthn_cli.ingest.telemetry import Stamps
 from uasthn_cli.ingest.timestamps import duration_words
@@ -122,18 +126,12 @@ def linear_position(bracket: Bracket) -> FloatArray:
     return result
 
 
-def slerp(before: Rotation, after: Rotation, fraction: float) -> Rotation:
-    """Return the rotation a fraction of the short way from one to the other."""
-    return Slerp([0.0, 1.0], Rotation.concatenate([before, after]))(fraction)
-
-
 def slerp_attitude(bracket: Bracket) -> Attitude:
     """Return ``(roll, pitch, yaw)`` in radians interpolated along the great circle."""
     before, after = (
-        Rotation.from_euler("ZYX", values[[2, 1, 0]]) for values in (bracket.before, bracket.after)
+        rotation_ned_from_body(Attitude(*values)) for values in (bracket.before, bracket.after)
     )
-    yaw, pitch, roll = slerp(before, after, bracket.fraction).as_euler("ZYX")
-    return Attitude(roll_rad=float(roll), pitch_rad=float(pitch), yaw_rad=float(yaw))
+    return attitude_from_rotation(rotation_between(before, after, bracket.fraction))
 
 
 def _wrap_deg(angle_deg: float) -> float:

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from scipy.spatial.transform import Rotation
+from uasthn_cli.geometry.rotation import quaternion_from_attitude
+from uasthn_cli.types import Attitude
 
 _UNIX_USEC = 1e14
 """Time stamps above this count from 1970 (it is March 1973), those below from boot."""
@@ -96,8 +97,9 @@ def _mount_orientation(message: Any) -> Reading | None:
     yaw = message.yaw_absolute if earth else message.yaw
     if not math.isfinite(yaw):
         return None
-    turn = Rotation.from_euler("ZYX", (yaw, message.pitch, roll), degrees=True)
-    return Reading(message.time_boot_ms * 1e-3, (*turn.as_quat(), float(earth)))
+    attitude = Attitude(*map(math.radians, (roll, message.pitch, yaw)))
+    quaternion = quaternion_from_attitude(attitude)
+    return Reading(message.time_boot_ms * 1e-3, (*quaternion, float(earth)))
 
 
 def _rangefinder(message: Any) -> Reading | None:

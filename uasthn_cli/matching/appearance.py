@@ -67,8 +67,9 @@ def masked_correlation(levelled: ImageArray, template: ImageArray, masks: ImageA
     norm = np.sqrt((centred**2).sum(axis=(2, 3)))[..., None, None]
     planes = np.concatenate([levelled, levelled**2])
     kernels = np.concatenate([centred, masks[:, None]], axis=1)
-    responses = [(channel, channel) for channel in range(channels)]
-    under_mask = [(plane, channels) for plane in range(2 * channels)]
+    single = [slice(plane, plane + 1) for plane in range(2 * channels)]
+    responses = [(channel, channel) for channel in single[:channels]]
+    under_mask = [(plane, single[channels]) for plane in single]
     sums = sliding_sums(planes, kernels, [*responses, *under_mask])
     response, total, squares = np.split(sums, 3, axis=1)
     spread = np.maximum(squares - total**2 / covered, _EPSILON * covered)

@@ -6,10 +6,10 @@ of shifts and no transform outgrows the processor's cache.
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
-from scipy import fft
 
 from uasthn_cli.types import BoolArray, ImageArray
 
@@ -22,8 +22,7 @@ NORM_EPSILON = 1e-4
 _LARGEST_BLOCK = 320
 """Cells: 24 transforms of twice this side take four times as long a cell."""
 
-Planes = slice | int
-"""Which planes of a stack take part."""
+_INVERSE = cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
 
 
 def cell_mask(valid: BoolArray, stride_px: int) -> BoolArray:
@@ -54,10 +53,10 @@ def correlate(window: ImageArray, templates: ImageArray, masks: ImageArray) -> I
     ``masks`` ``(N, h, w)``. In about -1..1: the score of the template's cell (0, 0) lying on each
     window cell; ``rows`` is ``H - h + 1``.
     """
-    channels = len(window)
+    learned, energy_plane = slice(len(window)), slice(len(window), None)
     planes = np.concatenate([window, (window**2).sum(axis=0, keepdims=True)])
     kernels = np.concatenate([templates, masks[:, None]], axis=1)
-    sums = sliding_sums(planes, kernels, [(slice(channels), slice(channels)), (channels, channels)])
+    sums = sliding_sums(planes, kernels, [(learned, learned), (energy_plane, energy_plane)])
     energy = np.maximum(sums[:, 1], 0) + np.float32(ENERGY_EPSILON)
     return np.asarray(sums[:, 0] / np.sqrt(energy), dtype=np.float32)
 
@@ -78,7 +77,7 @@ def _sums_directly(plane: ImageArray, kernels: ImageArray) -> ImageArray:
 
 
 def sliding_sums(
-    planes: ImageArray, kernels: ImageArray, pairs: Sequence[tuple[Planes, Planes]]
+    planes: ImageArray, kernels: ImageArray, pairs: Sequence[tuple[slice, slice]]
 ) -> ImageArray:
     """Return sums of products ``(N, S, rows, columns)`` of planes with kernels at every shift.
 
@@ -88,37 +87,40 @@ def sliding_sums(
     height, width = kernels.shape[-2:]
     rows, columns = planes.shape[-2] - height + 1, planes.shape[-1] - width + 1
     (step_y, size_y), (step_x, size_x) = _block(rows, height), _block(columns, width)
-    size = (size_y, size_x)
-    # rows of zeros are not transformed one by one, nor rows of which nothing is kept
-    conjugate = fft.fft(fft.rfft(kernels, n=size_x), n=size_y, axis=-2, overwrite_x=True)
-    np.conjugate(conjugate, out=conjugate)
-    products = np.empty((len(kernels), len(pairs), *conjugate.shape[-2:]), np.complex64)
+    spectra = [[_spectrum(plane, size_y, size_x) for plane in stack] for stack in kernels]
     sums = np.empty((len(kernels), len(pairs), rows, columns), np.float32)
     for y, x in _starts(rows, step_y, columns, step_x):
-        spectrum = fft.rfft2(planes[:, y : y + size_y, x : x + size_x], s=size)
-        for k, (of_planes, of_kernels) in enumerate(pairs):
-            _multiply(spectrum[of_planes], conjugate[:, of_kernels], products[:, k])
-        into = sums[..., y : y + step_y, x : x + step_x]
-        kept = fft.ifft(products, axis=-2, overwrite_x=True)[..., : into.shape[-2], :]
-        into[...] = fft.irfft(kept, n=size_x, overwrite_x=True)[..., : into.shape[-1]]
+        block = planes[:, y : y + size_y, x : x + size_x]
+        windows = [_spectrum(plane, size_y, size_x) for plane in block]
+        for own, into in zip(spectra, sums[..., y : y + step_y, x : x + step_x], strict=True):
+            for (of_planes, of_kernels), kept in zip(pairs, into, strict=True):
+                product = _product(windows[of_planes], own[of_kernels])
+                cv2.dft(product, dst=product, flags=_INVERSE, nonzeroRows=kept.shape[0])
+                kept[...] = product[: kept.shape[0], : kept.shape[1]]
     return sums
 
 
-def _multiply(
-    planes: NDArray[np.complex64], kernels: NDArray[np.complex64], into: NDArray[np.complex64]
-) -> None:
-    """Multiply spectra of planes with those of kernels, added up where they are several."""
-    if planes.ndim == 2:
-        np.multiply(planes, kernels, out=into)
-    else:
-        np.einsum("chw,nchw->nhw", planes, kernels, out=into)
+def _spectrum(plane: ImageArray, size_y: int, size_x: int) -> ImageArray:
+    """Return the spectrum of a plane with zeros below and to its right, in OpenCV's packing."""
+    padded = np.zeros((size_y, size_x), np.float32)
+    padded[: plane.shape[0], : plane.shape[1]] = plane
+    cv2.dft(padded, dst=padded, nonzeroRows=plane.shape[0])
+    return padded
+
+
+def _product(planes: Sequence[ImageArray], kernels: Sequence[ImageArray]) -> ImageArray:
+    """Return the spectra of planes times the conjugates of those of kernels, added up."""
+    total, *others = map(partial(cv2.mulSpectrums, flags=0, conjB=True), planes, kernels)
+    for product in others:
+        cv2.add(total, product, dst=total)
+    return np.asarray(total)
 
 
 def _block(shifts: int, kernel: int) -> tuple[int, int]:
     """Return how many shifts a block covers along one axis, and its transform's length."""
     count = max(1, math.ceil(shifts / max(_LARGEST_BLOCK - kernel + 1, kernel)))
     step = math.ceil(shifts / count)
-    return step, int(fft.next_fast_len(step + kernel - 1, real=True))
+    return step, cv2.getOptimalDFTSize(step + kernel - 1)
 
 
 def _starts(rows: int, step_y: int, columns: int, step_x: int) -> Iterator[tuple[int, int]]:

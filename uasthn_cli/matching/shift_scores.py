@@ -64,7 +64,7 @@ class FrameScores:
             scores += appearance_scores(self._levelled[under], self._cells, masks)
         if self._valid is None:
             return np.asarray(scores)
-        covered = sliding_sums(self._valid[under], masks[:, None], [(0, 0)])[:, 0]
+        covered = sliding_sums(self._valid[under], masks[:, None], [(slice(1), slice(1))])[:, 0]
         share = covered / np.maximum(masks.sum(axis=(1, 2)), 1.0)[:, None, None]
         return np.where(share >= MIN_OVERLAP, scores, -np.inf)
 
