@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from uasthn_cli.geometry.corners import transform_points
 from uasthn_cli.geometry.pixels import (
     box_corner_transform,
+    cell_mask,
     grid_to_metres,
     metres_to_grid,
     resize_homography,
@@ -77,3 +78,11 @@ def test_convention_resize_keeps_the_outer_edges(corner: tuple[float, float]) ->
     H = resize_homography((20, 12), (50, 18))
     expected = (-0.5, -0.5) if corner[0] < 0 else (49.5, 17.5)
     np.testing.assert_allclose(transform_points(H, np.array([corner])), [expected])
+
+
+def test_a_cell_counts_only_if_all_its_pixels_do() -> None:
+    valid = np.ones((6, 8), np.bool_)
+    valid[3, 5] = False
+    expected = np.ones((3, 4), np.bool_)
+    expected[1, 2] = False
+    np.testing.assert_array_equal(cell_mask(valid, 2), expected)

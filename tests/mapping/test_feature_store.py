@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +167,30 @@ def test_what_cannot_be_read_is_computed_with_one_warning(
     assert len(caplog.records) == 1
 
 
+def test_a_store_is_not_looked_through_for_every_entry(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entry_bytes = 64 + VALUES.nbytes
+    looks: list[Any] = []
+    monkeypatch.setattr(os, "scandir", _counting(os.scandir, looks))
+    store = FeatureStore(tmp_path, max_bytes=1024 * entry_bytes)
+    for number in range(1500):
+        store.put(f"{number:064x}", VALUES)
+    assert 0 < len(looks) < 1500 // 5
+    kept_bytes = sum(path.stat().st_size for path in tmp_path.iterdir())
+    assert 0.9 * 1024 * entry_bytes < kept_bytes <= 1024 * entry_bytes
+    assert store.get(f"{1499:064x}") is not None
+    assert store.get(f"{0:064x}") is None
+
+
+def _counting(scan: Callable[..., Any], looks: list[Any]) -> Callable[..., Any]:
+    def counted(folder: Any) -> Any:
+        looks.append(folder)
+        return scan(folder)
+
+    return counted
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
 def test_processes_put_and_get_the_same_entries(tmp_path: Path) -> None:
     entry_bytes = 64 + VALUES.nbytes
@@ -183,6 +208,7 @@ def test_processes_put_and_get_the_same_entries(tmp_path: Path) -> None:
 
 _WRITER = """
 import sys
+from collections.abc import Callable
 from pathlib import Path
 import numpy as np
 from uasthn_cli.mapping.feature_store import FeatureStore

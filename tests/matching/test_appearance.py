@@ -7,7 +7,9 @@ from small_flight import ground_texture
 
 from uasthn_cli.matching.appearance import (
     CHANNELS,
+    AppearanceKernels,
     appearance_cells,
+    appearance_kernels,
     appearance_scores,
     levelled_window,
     masked_correlation,
@@ -50,10 +52,10 @@ def directly(
 
 def seen(
     window: FloatArray, valid: FloatArray, template: FloatArray, masks: FloatArray
-) -> tuple[ImageArray, ImageArray, ImageArray]:
+) -> tuple[ImageArray, AppearanceKernels]:
     """Return a scene as the search has it: the window levelled, all in single precision."""
     levelled = levelled_window(window.astype(np.float32), valid > 0)
-    return levelled, template.astype(np.float32), masks.astype(np.float32)
+    return levelled, appearance_kernels(template.astype(np.float32), masks.astype(np.float32))
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -6,11 +6,11 @@ import torch
 
 from uasthn_cli.matching import correlate as module
 from uasthn_cli.matching.correlate import (
-    cell_mask,
+    Kernels,
     correlate,
     correlate_directly,
     normalise_template,
-    sliding_sums,
+    template_kernels,
 )
 from uasthn_cli.training import correlate as training
 from uasthn_cli.types import ImageArray
@@ -37,7 +37,7 @@ def by_torch(window: ImageArray, features: ImageArray, masks: ImageArray) -> Ima
 
 def test_scores_are_those_of_training() -> None:
     window, features, masks = scene(0)
-    found = correlate(window, normalise_template(features, masks), masks)
+    found = correlate(window, template_kernels(features, masks))
     assert found.shape == (2, WINDOW[0] - CANVAS[0] + 1, WINDOW[1] - CANVAS[1] + 1)
     assert found.dtype == np.float32
     assert found == pytest.approx(by_torch(window, features, masks), abs=1e-5)
@@ -46,21 +46,19 @@ def test_scores_are_those_of_training() -> None:
 @pytest.mark.parametrize("largest", [1, 13, 20, 40])
 def test_blocks_of_any_size_give_the_same(largest: int, monkeypatch: pytest.MonkeyPatch) -> None:
     window, features, masks = scene(1)
-    templates = normalise_template(features, masks)
-    whole = correlate(window, templates, masks)
+    whole = correlate(window, template_kernels(features, masks))
     monkeypatch.setattr(module, "_LARGEST_BLOCK", largest)
-    assert correlate(window, templates, masks) == pytest.approx(whole, abs=1e-5)
+    assert correlate(window, template_kernels(features, masks)) == pytest.approx(whole, abs=1e-5)
 
 
 def test_sums_are_of_the_pairs_that_are_named() -> None:
     window, features, _ = scene(2)
-    sums = sliding_sums(
-        window, features[None], [(slice(0, 2), slice(1, 3)), (slice(2, 3), slice(0, 1))]
-    )
+    pairs = [(slice(0, 2), slice(1, 3)), (slice(2, 3), slice(0, 1))]
+    sums = Kernels(features[None]).sums(window, pairs)
     assert sums.shape[:2] == (1, 2)
     under = window[:, 7 : 7 + CANVAS[0], 11 : 11 + CANVAS[1]]
-    pairs = float((under[0:2] * features[1:3]).sum()), float((under[2] * features[0]).sum())
-    assert sums[0, :, 7, 11] == pytest.approx(pairs, abs=1e-4)
+    expected = float((under[0:2] * features[1:3]).sum()), float((under[2] * features[0]).sum())
+    assert sums[0, :, 7, 11] == pytest.approx(expected, abs=1e-4)
 
 
 def test_templates_have_no_mean_unit_norm_and_nothing_outside_their_mask() -> None:
@@ -73,20 +71,22 @@ def test_templates_have_no_mean_unit_norm_and_nothing_outside_their_mask() -> No
 
 def test_an_empty_mask_gives_zeros() -> None:
     window, features, masks = scene(4)
-    scores = correlate(window, normalise_template(features, 0 * masks), 0 * masks)
+    scores = correlate(window, template_kernels(features, 0 * masks))
     assert np.abs(scores).max() < 1e-4
-
-
-def test_a_cell_counts_only_if_all_its_pixels_do() -> None:
-    valid = np.ones((6, 8), np.bool_)
-    valid[3, 5] = False
-    expected = np.ones((3, 4), np.bool_)
-    expected[1, 2] = False
-    np.testing.assert_array_equal(cell_mask(valid, 2), expected)
 
 
 def test_a_few_shifts_are_scored_directly_like_all_of_them() -> None:
     window, features, masks = scene(5, views=3)
     templates = normalise_template(features, masks)
     found = correlate_directly(window, templates, masks)
-    assert found == pytest.approx(correlate(window, templates, masks), abs=1e-5)
+    expected = correlate(window, template_kernels(features, masks))
+    assert found == pytest.approx(expected, abs=1e-5)
+
+
+def test_kernels_serve_windows_of_one_size_and_another() -> None:
+    window, features, masks = scene(6)
+    kernels = template_kernels(features, masks)
+    for columns in (slice(0, 30), slice(9, 39), slice(0, 52)):
+        part = np.ascontiguousarray(window[..., columns])
+        expected = correlate(part, template_kernels(features, masks))
+        np.testing.assert_array_equal(correlate(part, kernels), expected)

@@ -6,7 +6,7 @@ so the map coordinates of pixel ``(x, y)`` are ``transform * (x + 0.5, y + 0.5)`
 
 import numpy as np
 
-from uasthn_cli.types import FloatArray, GridBox, MapGrid
+from uasthn_cli.types import BoolArray, FloatArray, GridBox, MapGrid
 
 
 def grid_to_metres(grid: MapGrid, points_px: FloatArray) -> FloatArray:
@@ -38,3 +38,12 @@ def resize_homography(from_size_px: tuple[int, int], to_size_px: tuple[int, int]
     """
     sx, sy = to_size_px[0] / from_size_px[0], to_size_px[1] / from_size_px[1]
     return np.array([[sx, 0.0, 0.5 * sx - 0.5], [0.0, sy, 0.5 * sy - 0.5], [0.0, 0.0, 1.0]])
+
+
+def cell_mask(valid: BoolArray, stride_px: int) -> BoolArray:
+    """Return ``(h / stride, w / stride)``: true where every pixel of a cell is valid."""
+    rows, columns = valid.shape[0] // stride_px, valid.shape[1] // stride_px
+    blocks = valid[: rows * stride_px, : columns * stride_px]
+    lines = np.logical_and.reduce(blocks.reshape(rows, stride_px, -1), axis=1)
+    cells = lines.reshape(rows, columns, stride_px)
+    return np.asarray(np.logical_and.reduce(cells, axis=2), np.bool_)

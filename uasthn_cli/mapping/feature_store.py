@@ -40,6 +40,10 @@ _VALUE: Final = np.dtype("<f2")
 _SUFFIX: Final = ".features"
 _TEMPORARY_SUFFIX: Final = ".features.tmp"
 _ABANDONED_S: Final = 3600.0
+_SHARING: Final = 8
+"""As many processes may write at a time without exceeding the bound together."""
+_SPARE: Final = 16
+"""Where something must go, this part of the store goes at once."""
 
 
 def window_key(window: MapWindow, made_by: str) -> str:
@@ -80,6 +84,7 @@ class FeatureStore:
         """Keep at most ``max_bytes`` in a folder, which is made when first needed."""
         self._folder, self._max_bytes = folder, max_bytes
         self._is_writable = self._is_readable = True
+        self._granted_bytes = 0
 
     def get(self, key: str) -> NDArray[np.float16] | None:
         """Return features ``(channels, rows, columns)`` by name, or None if not there whole."""
@@ -124,14 +129,23 @@ class FeatureStore:
         return self._folder / f"{key}{_SUFFIX}"
 
     def _make_room(self, needed_bytes: int) -> None:
-        """Remove what was not used for longest until there is room, and what killed runs left."""
+        """Remove what was not used for longest until there is room, and what killed runs left.
+
+        The folder is looked through once for many entries: what is free then is shared with other
+        processes, and this one takes a part of it before it looks again.
+        """
+        if needed_bytes <= self._granted_bytes:
+            self._granted_bytes -= needed_bytes
+            return
         entries = sorted(self._entries(), key=lambda entry: (entry.used_ns, entry.path.name))
-        kept_bytes = sum(entry.size_bytes for entry in entries)
+        free_bytes = self._max_bytes - needed_bytes - sum(entry.size_bytes for entry in entries)
+        spare_bytes = self._max_bytes // _SPARE
         for entry in entries:
-            if kept_bytes + needed_bytes <= self._max_bytes:
+            if free_bytes >= 0 and free_bytes + entry.size_bytes > spare_bytes:
                 break
             _discard(entry.path)
-            kept_bytes -= entry.size_bytes
+            free_bytes += entry.size_bytes
+        self._granted_bytes = min(free_bytes, spare_bytes) // _SHARING
 
     def _entries(self) -> Iterator[_Entry]:
         """Yield the store's own files, without those that are being written."""

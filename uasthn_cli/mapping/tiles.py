@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.config import MAX_TILE_BYTES
+from uasthn_cli.geometry.pixels import cell_mask
 from uasthn_cli.mapping.feature_store import FeatureStore, place_key, window_key
 from uasthn_cli.seam import CacheableEncoder
 from uasthn_cli.types import BoolArray, FloatArray, GridBox, MapFeatures, MapGrid, MapWindow
@@ -173,10 +174,7 @@ class FeatureTiles:
         size, halo, stride = self._tile_px, self._halo_px, self._stride_px
         side = size + 2 * halo
         window = self._read(GridBox(key[0] * size - halo, key[1] * size - halo, side, side))
-        inner = window.valid[halo : halo + size, halo : halo + size]
-        cells = size // stride
-        blocks = inner.reshape(cells, stride, cells, stride)
-        valid: BoolArray = np.logical_and.reduce(blocks, axis=(1, 3))
+        valid = cell_mask(window.valid[halo : halo + size, halo : halo + size], stride)
         if self._channels is not None and not valid.any():
             return _Tile(None, valid, window.grid)
         values = self._features(window)

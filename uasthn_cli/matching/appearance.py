@@ -7,10 +7,12 @@ much this one counts (:data:`~uasthn_cli.matching.ncc.CELLS_PER_SAMPLE`) was cho
 flights by the mean log posterior at the true place.
 """
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
-from uasthn_cli.matching.correlate import sliding_sums
+from uasthn_cli.matching.correlate import Kernels
 from uasthn_cli.matching.ncc import (
     CELLS_PER_SAMPLE,
     LARGEST_CORRELATION,
@@ -41,37 +43,50 @@ def levelled_window(window: ImageArray, valid: BoolArray) -> ImageArray:
     return levelled
 
 
-def appearance_scores(levelled: ImageArray, template: ImageArray, masks: ImageArray) -> ImageArray:
-    """Return the log-likelihood ``(N, rows, columns)`` of every shift, its sign ignored.
+@dataclass(frozen=True, slots=True)
+class AppearanceKernels:
+    """A frame's brightness and gradient under N masks: of no mean, with its norm and the cells."""
 
-    ``levelled`` ``(2, H, W)`` from :func:`levelled_window`, ``template`` ``(2, h, w)`` from
-    :func:`appearance_cells`, ``masks`` ``(N, h, w)`` in {0, 1}. Night inverts contrast as it likes,
-    so only the square of the correlation counts; brightness and gradient count as independent.
+    kernels: Kernels
+    norm: ImageArray
+    covered: ImageArray
+
+
+def appearance_kernels(template: ImageArray, masks: ImageArray) -> AppearanceKernels:
+    """Return what is compared of a frame.
+
+    ``template`` ``(2, h, w)`` from :func:`appearance_cells`, ``masks`` ``(N, h, w)`` in {0, 1}.
     """
-    correlation = masked_correlation(levelled, template, masks)
-    squared = np.minimum(np.abs(correlation), np.float32(LARGEST_CORRELATION)) ** 2
-    samples = masks.sum(axis=(1, 2))[:, None, None] / np.float32(CELLS_PER_SAMPLE)
-    scores: ImageArray = np.float32(-0.5) * samples * np.log1p(-squared).sum(axis=1)
-    return scores
-
-
-def masked_correlation(levelled: ImageArray, template: ImageArray, masks: ImageArray) -> ImageArray:
-    """Return Pearson's correlation ``(N, C, rows, columns)`` under each mask at every shift.
-
-    Arguments as in :func:`appearance_scores`.
-    """
-    channels = len(levelled)
     covered = np.maximum(masks.sum(axis=(1, 2)), 1.0)[:, None, None, None]
     means = (template * masks[:, None]).sum(axis=(2, 3), keepdims=True) / covered
     centred = (template - means) * masks[:, None]
     norm = np.sqrt((centred**2).sum(axis=(2, 3)))[..., None, None]
+    kernels = Kernels(np.concatenate([centred, masks[:, None]], axis=1))
+    return AppearanceKernels(kernels, norm, covered)
+
+
+def appearance_scores(levelled: ImageArray, frame: AppearanceKernels) -> ImageArray:
+    """Return the log-likelihood ``(N, rows, columns)`` of every shift, its sign ignored.
+
+    ``levelled`` ``(2, H, W)`` from :func:`levelled_window`. Night inverts contrast as it likes, so
+    only the square of the correlation counts; brightness and gradient count as independent.
+    """
+    correlation = masked_correlation(levelled, frame)
+    squared = np.minimum(np.abs(correlation), np.float32(LARGEST_CORRELATION)) ** 2
+    samples = frame.covered[:, 0] / np.float32(CELLS_PER_SAMPLE)
+    scores: ImageArray = np.float32(-0.5) * samples * np.log1p(-squared).sum(axis=1)
+    return scores
+
+
+def masked_correlation(levelled: ImageArray, frame: AppearanceKernels) -> ImageArray:
+    """Return Pearson's correlation ``(N, C, rows, columns)`` under each mask at every shift."""
+    channels = len(levelled)
     planes = np.concatenate([levelled, levelled**2])
-    kernels = np.concatenate([centred, masks[:, None]], axis=1)
     single = [slice(plane, plane + 1) for plane in range(2 * channels)]
     responses = [(channel, channel) for channel in single[:channels]]
     under_mask = [(plane, single[channels]) for plane in single]
-    sums = sliding_sums(planes, kernels, [*responses, *under_mask])
+    sums = frame.kernels.sums(planes, [*responses, *under_mask])
     response, total, squares = np.split(sums, 3, axis=1)
-    spread = np.maximum(squares - total**2 / covered, _EPSILON * covered)
-    correlation: ImageArray = response / np.maximum(norm * np.sqrt(spread), _EPSILON)
+    spread = np.maximum(squares - total**2 / frame.covered, _EPSILON * frame.covered)
+    correlation: ImageArray = response / np.maximum(frame.norm * np.sqrt(spread), _EPSILON)
     return correlation

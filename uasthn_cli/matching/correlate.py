@@ -11,7 +11,7 @@ from functools import partial
 import cv2
 import numpy as np
 
-from uasthn_cli.types import BoolArray, ImageArray
+from uasthn_cli.types import ImageArray
 
 ENERGY_EPSILON = 1e-3
 """Added to the window's energy under a template: where there is hardly any, nothing correlates."""
@@ -23,14 +23,6 @@ _LARGEST_BLOCK = 320
 """Cells: 24 transforms of twice this side take four times as long a cell."""
 
 _INVERSE = cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
-
-
-def cell_mask(valid: BoolArray, stride_px: int) -> BoolArray:
-    """Return ``(h / stride, w / stride)``: true where every pixel of a cell is valid."""
-    rows, columns = valid.shape[0] // stride_px, valid.shape[1] // stride_px
-    blocks = valid[: rows * stride_px, : columns * stride_px]
-    cells = blocks.reshape(rows, stride_px, columns, stride_px)
-    return np.asarray(np.logical_and.reduce(cells, axis=(1, 3)), np.bool_)
 
 
 def normalise_template(features: ImageArray, masks: ImageArray) -> ImageArray:
@@ -46,17 +38,21 @@ def normalise_template(features: ImageArray, masks: ImageArray) -> ImageArray:
     return normalised
 
 
-def correlate(window: ImageArray, templates: ImageArray, masks: ImageArray) -> ImageArray:
+def template_kernels(features: ImageArray, masks: ImageArray) -> "Kernels":
+    """Return what :func:`correlate` needs of features ``(C, h, w)`` under masks ``(N, h, w)``."""
+    return Kernels(np.concatenate([normalise_template(features, masks), masks[:, None]], axis=1))
+
+
+def correlate(window: ImageArray, kernels: "Kernels") -> ImageArray:
     """Return the normalised correlation ``(N, rows, columns)`` at every shift inside the window.
 
-    ``window`` ``(C, H, W)``; ``templates`` ``(N, C, h, w)`` of :func:`normalise_template` under
-    ``masks`` ``(N, h, w)``. In about -1..1: the score of the template's cell (0, 0) lying on each
-    window cell; ``rows`` is ``H - h + 1``.
+    ``window`` ``(C, H, W)``, ``kernels`` of :func:`template_kernels` of size ``(h, w)``. In about
+    -1..1: the score of the template's cell (0, 0) lying on each window cell; ``rows`` is
+    ``H - h + 1``.
     """
     learned, energy_plane = slice(len(window)), slice(len(window), None)
     planes = np.concatenate([window, (window**2).sum(axis=0, keepdims=True)])
-    kernels = np.concatenate([templates, masks[:, None]], axis=1)
-    sums = sliding_sums(planes, kernels, [(learned, learned), (energy_plane, energy_plane)])
+    sums = kernels.sums(planes, [(learned, learned), (energy_plane, energy_plane)])
     energy = np.maximum(sums[:, 1], 0) + np.float32(ENERGY_EPSILON)
     return np.asarray(sums[:, 0] / np.sqrt(energy), dtype=np.float32)
 
@@ -76,33 +72,49 @@ def _sums_directly(plane: ImageArray, kernels: ImageArray) -> ImageArray:
     return np.asarray(sums.reshape(-1, rows, columns))
 
 
-def sliding_sums(
-    planes: ImageArray, kernels: ImageArray, pairs: Sequence[tuple[slice, slice]]
-) -> ImageArray:
-    """Return sums of products ``(N, S, rows, columns)`` of planes with kernels at every shift.
+class Kernels:
+    """Kernels ``(N, K, h, w)`` to be multiplied with planes at every shift.
 
-    ``planes`` ``(P, H, W)``, ``kernels`` ``(N, K, h, w)``. Each of the S ``pairs`` says which
-    planes are multiplied with which kernels, one by one, and added up.
+    Their spectra are kept for further planes of the same size.
     """
-    height, width = kernels.shape[-2:]
-    rows, columns = planes.shape[-2] - height + 1, planes.shape[-1] - width + 1
-    (step_y, size_y), (step_x, size_x) = _block(rows, height), _block(columns, width)
-    spectra = [[_spectrum(plane, size_y, size_x) for plane in stack] for stack in kernels]
-    sums = np.empty((len(kernels), len(pairs), rows, columns), np.float32)
-    for y, x in _starts(rows, step_y, columns, step_x):
-        block = planes[:, y : y + size_y, x : x + size_x]
-        windows = [_spectrum(plane, size_y, size_x) for plane in block]
-        for own, into in zip(spectra, sums[..., y : y + step_y, x : x + step_x], strict=True):
-            for (of_planes, of_kernels), kept in zip(pairs, into, strict=True):
-                product = _product(windows[of_planes], own[of_kernels])
-                cv2.dft(product, dst=product, flags=_INVERSE, nonzeroRows=kept.shape[0])
-                kept[...] = product[: kept.shape[0], : kept.shape[1]]
-    return sums
+
+    def __init__(self, kernels: ImageArray) -> None:
+        """Transform nothing yet."""
+        self._kernels = kernels
+        self._size = (0, 0)
+        self._spectra: list[list[ImageArray]] = []
+
+    def sums(self, planes: ImageArray, pairs: Sequence[tuple[slice, slice]]) -> ImageArray:
+        """Return sums of products ``(N, S, rows, columns)`` of planes with kernels at every shift.
+
+        ``planes`` ``(P, H, W)``. Each of the S ``pairs`` says which planes are multiplied with
+        which kernels, one by one, and added up.
+        """
+        height, width = self._kernels.shape[-2:]
+        rows, columns = planes.shape[-2] - height + 1, planes.shape[-1] - width + 1
+        (step_y, size_y), (step_x, size_x) = _block(rows, height), _block(columns, width)
+        spectra = self._of_size((size_y, size_x))
+        sums = np.empty((len(spectra), len(pairs), rows, columns), np.float32)
+        for y, x in _starts(rows, step_y, columns, step_x):
+            block = planes[:, y : y + size_y, x : x + size_x]
+            windows = [_spectrum(plane, (size_y, size_x)) for plane in block]
+            for own, into in zip(spectra, sums[..., y : y + step_y, x : x + step_x], strict=True):
+                for (of_planes, of_kernels), kept in zip(pairs, into, strict=True):
+                    product = _product(windows[of_planes], own[of_kernels])
+                    cv2.dft(product, dst=product, flags=_INVERSE, nonzeroRows=kept.shape[0])
+                    kept[...] = product[: kept.shape[0], : kept.shape[1]]
+        return sums
+
+    def _of_size(self, size: tuple[int, int]) -> list[list[ImageArray]]:
+        if size != self._size:
+            self._size = size
+            self._spectra = [[_spectrum(plane, size) for plane in own] for own in self._kernels]
+        return self._spectra
 
 
-def _spectrum(plane: ImageArray, size_y: int, size_x: int) -> ImageArray:
+def _spectrum(plane: ImageArray, size: tuple[int, int]) -> ImageArray:
     """Return the spectrum of a plane with zeros below and to its right, in OpenCV's packing."""
-    padded = np.zeros((size_y, size_x), np.float32)
+    padded = np.zeros(size, np.float32)
     padded[: plane.shape[0], : plane.shape[1]] = plane
     cv2.dft(padded, dst=padded, nonzeroRows=plane.shape[0])
     return padded

@@ -49,7 +49,8 @@ def _local_contrast(image: ImageArray, mask: ImageArray, epsilon: float) -> Imag
 def _smooth(plane: ImageArray) -> ImageArray:
     """Return the means of boxes around each pixel, computed on an eightfold reduced image."""
     height, width = plane.shape
-    reduced = plane.reshape(height // POOL_PX, POOL_PX, width // POOL_PX, POOL_PX).mean(axis=(1, 3))
+    size = (width // POOL_PX, height // POOL_PX)
+    reduced = cv2.resize(plane, size, interpolation=cv2.INTER_AREA)
     side = 2 * max(1, LOCAL_WINDOW_PX // POOL_PX // 2) + 1
     blurred = cv2.blur(reduced, (side, side), borderType=cv2.BORDER_CONSTANT)
     smooth = cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR)

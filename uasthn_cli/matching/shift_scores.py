@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uasthn_cli.matching.appearance import appearance_scores
-from uasthn_cli.matching.correlate import correlate, normalise_template, sliding_sums
+from uasthn_cli.matching.appearance import appearance_kernels, appearance_scores
+from uasthn_cli.matching.correlate import Kernels, correlate, template_kernels
 from uasthn_cli.matching.search import MIN_OVERLAP, Box, best_shift
 from uasthn_cli.types import BoolArray, FloatArray, ImageArray
 
@@ -42,31 +42,33 @@ class FrameScores:
 
         ``masks`` ``(N, h, w)``; -inf where a view lies too far beyond valid map.
         """
-        templates = [normalise_template(one.frame, masks) for one in self._members]
+        learned = [template_kernels(one.frame, masks) for one in self._members]
+        seen = None if self._cells is None else appearance_kernels(self._cells, masks)
+        cover = None if self._valid is None else Kernels(masks[:, None])
+        cells = np.maximum(masks.sum(axis=(1, 2)), 1.0)[:, None, None]
         for rows, columns in boxes:
             under = (
                 slice(None),
                 slice(rows.start, rows.stop + self._last[0]),
                 slice(columns.start, columns.stop + self._last[1]),
             )
-            yield self._scores_under(under, templates, masks)
+            scores = self._learned_scores(under, learned)
+            if seen is not None and self._levelled is not None:
+                scores += appearance_scores(self._levelled[under], seen)
+            if cover is not None and self._valid is not None:
+                covered = cover.sums(self._valid[under], [(slice(1), slice(1))])[:, 0]
+                scores = np.where(covered / cells >= MIN_OVERLAP, scores, -np.inf)
+            yield scores
 
-    def _scores_under(
-        self, under: tuple[slice, slice, slice], templates: Sequence[ImageArray], masks: ImageArray
+    def _learned_scores(
+        self, under: tuple[slice, slice, slice], kernels: Sequence[Kernels]
     ) -> FloatArray:
-        """Return the scores of views at all shifts inside a part of the window."""
-        learned = [
-            correlate(one.window[under], template, masks) * np.float32(one.temperature)
-            for one, template in zip(self._members, templates, strict=True)
+        """Return the members' mean score of views at all shifts inside a part of the window."""
+        scores = [
+            correlate(one.window[under], own) * np.float32(one.temperature)
+            for one, own in zip(self._members, kernels, strict=True)
         ]
-        scores = np.mean(learned, axis=0, dtype=np.float64)
-        if self._levelled is not None and self._cells is not None:
-            scores += appearance_scores(self._levelled[under], self._cells, masks)
-        if self._valid is None:
-            return np.asarray(scores)
-        covered = sliding_sums(self._valid[under], masks[:, None], [(slice(1), slice(1))])[:, 0]
-        share = covered / np.maximum(masks.sum(axis=(1, 2)), 1.0)[:, None, None]
-        return np.where(share >= MIN_OVERLAP, scores, -np.inf)
+        return np.asarray(np.mean(scores, axis=0, dtype=np.float64))
 
 
 class ViewPeaks:

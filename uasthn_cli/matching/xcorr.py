@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uasthn_cli.config import DEFAULT_SYMMETRIES
+from uasthn_cli.geometry.pixels import cell_mask
 from uasthn_cli.matching.appearance import (
     CHANNELS,
     appearance_cells,
     levelled_window,
 )
 from uasthn_cli.matching.architecture import HALO_PX, STRIDE_PX
-from uasthn_cli.matching.correlate import cell_mask
 from uasthn_cli.matching.device import choose_device
 from uasthn_cli.matching.encoders import Encoders, open_encoders
 from uasthn_cli.matching.ncc import luma
