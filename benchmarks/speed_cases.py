@@ -135,9 +135,18 @@ def batches(plan: Plan) -> Iterator[list[Case]]:
 
 
 def _environment(threads: int, imports: str) -> dict[str, str]:
-    """Return what keeps libraries to so many threads, and a user's own cache out of it."""
+    """Return what keeps libraries to so many threads, and a user's own cache out of it.
+
+    Modules are compiled once, as an installation has them.
+    """
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
-    return {**dict.fromkeys(names, str(threads)), "PYTHONPATH": imports, "UASTHN_CACHE": "none"}
+    threads_each = dict.fromkeys(names, str(threads))
+    return {
+        **threads_each,
+        "PYTHONPATH": imports,
+        "PYTHONDONTWRITEBYTECODE": "",
+        "UASTHN_CACHE": "none",
+    }
 
 
 def _geotag(plan: Plan, group: str, name: str, flight: Flight, **settings: Any) -> Case:

@@ -229,5 +229,5 @@ MAX_CACHE_BYTES = 2 * 2**30
 MAX_HASHED_BYTES = 512 * 2**20
 """Larger files, maps as a rule, are never read as a whole, not even to tell one from another."""
 
-MAX_TILE_BYTES = 256 * 2**20
+MAX_TILE_BYTES = 64 * 2**20
 """How much of the map's features a search keeps in memory, unless one frame needs more."""

@@ -151,8 +151,8 @@ def geotag(
         cache_dir=cache_dir,
         jobs=jobs,
     )
-    require_consistent(job)
     job = replace(job, calibration=chosen_calibration(job))
+    require_consistent(job)
     results = geotag_to_folder(job, Target(out, truth_path, crs, overwrite))
     if job.calibration is None and calibration_name == "default":
         say("Answers are judged by plain limits: no calibration came with these weights")

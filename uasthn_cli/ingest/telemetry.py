@@ -102,7 +102,7 @@ class HeightSamples:
     along_body_axis: bool
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Telemetry:
     """Everything of one vehicle that a log holds and a prior needs.
 

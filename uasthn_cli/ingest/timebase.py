@@ -11,6 +11,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -59,8 +60,12 @@ class _Candidate:
     share: float | None
 
 
+@lru_cache(maxsize=1)
 def candidate_clocks(telemetry: Telemetry) -> tuple[Clock, ...]:
-    """Return the clocks that can date a log: the record clock, and the vehicle's if it has one."""
+    """Return the clocks that can date a log: the record clock, and the vehicle's if it has one.
+
+    Those of the last log are kept: a run asks several times.
+    """
     sessions = find_sessions(telemetry)
     record = Clock(TimeBase.RECORD, sessions)
     if not any(np.isfinite(session.vehicle_offset_s) for session in sessions):
