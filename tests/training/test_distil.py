@@ -13,8 +13,8 @@ from uasthn_cli.matching.architecture import XcorrArchitecture
 from uasthn_cli.matching.networks import XcorrModel
 from uasthn_cli.matching.torch_weights import load_xcorr, serialise_xcorr
 from uasthn_cli.training import loop
-from uasthn_cli.training.distil import distillation_loss, encode_batch, reduce_channels
-from uasthn_cli.training.losses import search_scores
+from uasthn_cli.training.distil import distillation_loss, reduce_channels
+from uasthn_cli.training.losses import encode_batch, search_scores
 from uasthn_cli.training.run import TrainingJob, TrainingRun
 from uasthn_cli.training.samples import SampleDataset
 from uasthn_cli.training.scenes import RenderedShares

@@ -13,10 +13,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor, nn
 
-from uasthn_cli.matching.architecture import STRIDE_PX
 from uasthn_cli.matching.networks import XcorrModel
-from uasthn_cli.training.correlate import cell_mask, normalise_template
-from uasthn_cli.training.losses import window_statistics
+from uasthn_cli.training.losses import encode_batch
 
 _LEAST_VARIANCE = 1e-9
 
@@ -45,30 +43,13 @@ def reduce_channels(
     return reduced
 
 
-def encode_batch(
-    model: XcorrModel, satellite: Tensor, satellite_valid: Tensor, thermal: Tensor, valid: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Return map features ``(B, C, …)``, 0 where not valid, and templates ``(B · K, C, …)``.
-
-    Templates have zero mean and unit norm under their masks.
-    """
-    mean, deviation = window_statistics(satellite, satellite_valid)
-    features = model.encode_satellite(satellite, satellite_valid, mean, deviation).float()
-    flat, flat_valid = thermal.flatten(0, 1), valid.flatten(0, 1)
-    templates = model.encode_thermal(flat, flat_valid).float()
-    return (
-        features * cell_mask(satellite_valid, STRIDE_PX),
-        normalise_template(templates, cell_mask(flat_valid, STRIDE_PX)),
-    )
-
-
 def distillation_loss(
     student: tuple[Tensor, Tensor], teacher: tuple[Tensor, Tensor]
 ) -> tuple[Tensor, Tensor]:
     """Return the loss, and each template's share of unexplained power ``(B · K,)``.
 
-    Both are pairs of :func:`encode_batch`. Channels are those of :func:`reduce_channels`, so each
-    counts by its share in the scores.
+    Both are pairs of :func:`uasthn_cli.training.losses.encode_batch`. Channels are those of
+    :func:`reduce_channels`, so each counts by its share in the scores.
     """
     maps = _unexplained(student[0], teacher[0])
     templates = _unexplained(student[1], teacher[1])

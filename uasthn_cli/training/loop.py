@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -15,8 +16,8 @@ from torch import Tensor, nn
 from uasthn_cli.errors import TrainingDivergedError
 from uasthn_cli.matching.networks import XcorrModel
 from uasthn_cli.training.batches import BatchT, load_batches
-from uasthn_cli.training.distil import distillation_loss, encode_batch, reduce_channels
-from uasthn_cli.training.losses import search_loss, search_scores
+from uasthn_cli.training.distil import distillation_loss, reduce_channels
+from uasthn_cli.training.losses import encode_batch, scores_of, search_loss, search_scores
 from uasthn_cli.training.samples import CANVAS_PX, Batch, SampleDataset
 from uasthn_cli.training.scenes import SceneSet
 from uasthn_cli.training.trainee import (
@@ -230,18 +231,14 @@ def _learn(
 ) -> Lesson:
     tensors = _tensors(batch, config.device)
     device_type = torch.device(config.device).type
-    if teacher is not None:
-        with torch.autocast(device_type, torch.bfloat16, enabled=config.bfloat16):
-            with torch.no_grad():
-                shown = encode_batch(teacher, *tensors[:4])
-            loss, _ = distillation_loss(encode_batch(model, *tensors[:4]), shown)
-        with torch.no_grad():
-            scores = search_scores(model, *tensors[:4])
-        error = search_loss(scores, tensors[4], CANVAS_PX)[1]
-        return Lesson(loss, error.flatten().cpu().numpy())
     with torch.autocast(device_type, torch.bfloat16, enabled=config.bfloat16):
-        scores = search_scores(model, *tensors[:4])
+        own = encode_batch(model, *tensors[:4])
+        with nullcontext() if teacher is None else torch.no_grad():
+            scores = scores_of(model, own, tensors[3])
+            shown = None if teacher is None else encode_batch(teacher, *tensors[:4])
     loss, error = search_loss(scores, tensors[4], CANVAS_PX)
+    if shown is not None:
+        loss, _ = distillation_loss(own, shown)
     return Lesson(loss, error.flatten().cpu().numpy())
 
 

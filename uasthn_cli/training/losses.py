@@ -11,25 +11,42 @@ from uasthn_cli.training.correlate import cell_mask, correlate, normalise_templa
 TARGET_SIGMA_CELLS = 0.8
 
 
+def encode_batch(
+    model: XcorrModel, satellite: Tensor, satellite_valid: Tensor, thermal: Tensor, valid: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Return map features ``(B, C, …)``, 0 where not valid, and templates ``(B · K, C, …)``.
+
+    Templates have zero mean and unit norm under their masks. Inputs as in
+    :class:`uasthn_cli.training.samples.Batch`.
+    """
+    mean, deviation = window_statistics(satellite, satellite_valid)
+    features = model.encode_satellite(satellite, satellite_valid, mean, deviation).float()
+    flat, flat_valid = thermal.flatten(0, 1), valid.flatten(0, 1)
+    templates = model.encode_thermal(flat, flat_valid).float()
+    return (
+        features * cell_mask(satellite_valid, STRIDE_PX),
+        normalise_template(templates, cell_mask(flat_valid, STRIDE_PX)),
+    )
+
+
+def scores_of(model: XcorrModel, encoded: tuple[Tensor, Tensor], valid: Tensor) -> Tensor:
+    """Return log-posterior scores ``(B, K, shifts_y, shifts_x)`` of every canvas.
+
+    ``encoded`` by :func:`encode_batch`, ``valid`` ``(B, K, 1, h, w)`` the canvases' masks.
+    """
+    features, templates = encoded
+    mask = cell_mask(valid.flatten(0, 1), STRIDE_PX)
+    templates, mask = (t.view(*valid.shape[:2], *t.shape[1:]) for t in (templates, mask))
+    scores = correlate(features, templates, mask)
+    return scores * model.log_temperature.exp()
+
+
 def search_scores(
     model: XcorrModel, satellite: Tensor, satellite_valid: Tensor, thermal: Tensor, valid: Tensor
 ) -> Tensor:
-    """Return log-posterior scores ``(B, K, shifts_y, shifts_x)`` of every canvas.
-
-    Inputs as in :class:`uasthn_cli.training.samples.Batch`.
-    """
-    batch, canvases = thermal.shape[:2]
-    mean, deviation = window_statistics(satellite, satellite_valid)
-    a = model.encode_satellite(satellite, satellite_valid, mean, deviation).float()
-    a = a * cell_mask(satellite_valid, STRIDE_PX)
-    flat, flat_valid = thermal.flatten(0, 1), valid.flatten(0, 1)
-    b = model.encode_thermal(flat, flat_valid).float()
-    mask = cell_mask(flat_valid, STRIDE_PX)
-    b = normalise_template(b, mask)
-    scores = correlate(
-        a, b.view(batch, canvases, *b.shape[1:]), mask.view(batch, canvases, *mask.shape[1:])
-    )
-    return scores * model.log_temperature.exp()
+    """Return :func:`scores_of` what a batch is encoded to; inputs as in :func:`encode_batch`."""
+    encoded = encode_batch(model, satellite, satellite_valid, thermal, valid)
+    return scores_of(model, encoded, valid)
 
 
 def search_loss(scores: Tensor, corners_px: Tensor, canvas_px: int) -> tuple[Tensor, Tensor]:
