@@ -1,7 +1,7 @@
 """Errors a user can act on, and the exit code of each class.
 
 Every message is one line: what is wrong, where, and what to do. The command line prints it on
-stderr and exits with :attr:`UasthnError.exit_code`; the README lists the codes.
+stderr and exits with :attr:`UasthnError.exit_code`; docs/results.md lists the codes.
 """
 
 from typing import ClassVar

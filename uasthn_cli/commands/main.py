@@ -83,7 +83,7 @@ class Face(click.Group):
         return self.commands[cmd_name]
 
     def main(self, *args: Any, **kwargs: Any) -> NoReturn:
-        """Run the command line and exit: see the README for the codes."""
+        """Run the command line and exit: see docs/results.md for the codes."""
         set_verbosity(Verbosity.NORMAL)
         kwargs["standalone_mode"] = False
         try:

@@ -50,8 +50,9 @@ _FIT_REACH_CELLS = 4.0
 """How far from its place, about known, a turned and scaled frame is sought."""
 
 _SHARPNESS_OF_POOLED = 1.3
-"""Pooled features correlate better everywhere, also where they should not. Chosen on rendered
-flights (seeds 1004 to 1014 of docs/calibration.md) by the mean log posterior at the true place."""
+"""Pooled features correlate better everywhere, also where they should not. Chosen by the mean log
+posterior at the true place, over rendered flights of the calibration and the two real ones (see the
+model card, weights/xcorr.md)."""
 
 
 class XcorrEstimator:
