@@ -29,7 +29,7 @@ def footprint(
 
 
 def features(*results: FrameResult) -> list[dict[str, Any]]:
-    collection = json.loads(frames_geojson(results))
+    collection = json.loads("".join(frames_geojson(results)))
     assert collection["type"] == "FeatureCollection"
     assert set(collection) == {"type", "features"}
     found: list[dict[str, Any]] = collection["features"]
@@ -164,8 +164,8 @@ def test_longitudes_beyond_180_are_wrapped() -> None:
 
 def test_text_is_deterministic_utf8_with_a_line_per_feature() -> None:
     results: list[FrameResult] = [make_fix("größe, 1.png"), make_failure("bad\udcff.png")]
-    text = frames_geojson(results)
-    assert text == frames_geojson(results)
+    text = "".join(frames_geojson(results))
+    assert text == "".join(frames_geojson(results))
     assert "größe, 1.png" in text
     assert text.encode("utf-8").count(b"\n") == 5
     assert text.endswith("\n")

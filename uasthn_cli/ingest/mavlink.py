@@ -14,14 +14,14 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from uasthn_cli.errors import LogUnreadableError, NoPositionError, OutputError
-from uasthn_cli.ingest.messages import READERS, Reading
+from uasthn_cli.ingest.messages import READERS
+from uasthn_cli.ingest.records import Records, merged
 from uasthn_cli.ingest.telemetry import (
     Attitudes,
     CameraEvents,
     GimbalAttitudes,
     HeightSamples,
     Positions,
-    Stamps,
     SystemTimes,
     Telemetry,
 )
@@ -33,7 +33,6 @@ from uasthn_cli.ingest.tlog import (
     iterate_packets,
     record_time_s,
 )
-from uasthn_cli.types import FloatArray
 
 _log = logging.getLogger(__name__)
 
@@ -49,9 +48,8 @@ _HEIGHT_MESSAGES: Final = (
 )
 """Message, height source, slant range: a DISTANCE_SENSOR tells its limits, so it comes first."""
 
-_Row = tuple[int, float, Reading]
 _Vehicle = tuple[int, int]
-_Rows = dict[str, dict[_Vehicle, list[_Row]]]
+_Rows = dict[str, dict[_Vehicle, Records]]
 
 
 def read_telemetry(path: Path) -> Telemetry:
@@ -115,15 +113,15 @@ def _collect(data: Buffer) -> tuple[_Rows, int]:
         except dialect.MAVError:
             return None
 
-    rows: _Rows = defaultdict(lambda: defaultdict(list))
+    rows: _Rows = defaultdict(lambda: defaultdict(Records))
     packets = 0
     for ordinal, packet, message in iterate_packets(data, frozenset(_NAME_OF), decode):
         packets += 1
         name = _NAME_OF[packet.message_id]
         reading = READERS[name](message)
         if reading is not None:
-            row = (ordinal, record_time_s(data, packet), reading)
-            rows[name][packet.system, packet.component].append(row)
+            records = rows[name][packet.system, packet.component]
+            records.append(ordinal, record_time_s(data, packet), reading)
     return rows, packets
 
 
@@ -147,13 +145,12 @@ def _assemble(path: Path, rows: _Rows) -> Telemetry:
     attitudes = rows["ATTITUDE"].get(vehicle) or _of_system(rows, "ATTITUDE", vehicle)
     if not attitudes:
         raise NoPositionError(f"{path} holds positions of vehicle {vehicle[0]} but no ATTITUDE")
-    system_times = _of_system(rows, "SYSTEM_TIME", vehicle)
     return Telemetry(
         path=path,
         vehicle=vehicle,
         positions=_positions(message, senders[vehicle]),
-        attitudes=Attitudes(_stamps(attitudes), *_columns(attitudes, 3)),
-        system_times=SystemTimes(_stamps(system_times), _columns(system_times, 1)[0]),
+        attitudes=Attitudes(attitudes.stamps, *attitudes.columns),
+        system_times=_system_times(_of_system(rows, "SYSTEM_TIME", vehicle)),
         camera_events=tuple(
             _camera_events(name, found)
             for name in _CAMERA_MESSAGES
@@ -161,48 +158,37 @@ def _assemble(path: Path, rows: _Rows) -> Telemetry:
         ),
         gimbal=_gimbal(rows, vehicle),
         heights=tuple(
-            HeightSamples(_stamps(found), _columns(found, 1)[0], source, along_body_axis)
+            HeightSamples(found.stamps, found.columns[0], source, along_body_axis)
             for name, source, along_body_axis in _HEIGHT_MESSAGES
             if (found := _of_system(rows, name, vehicle))
         ),
     )
 
 
-def _of_system(rows: _Rows, name: str, vehicle: _Vehicle) -> list[_Row]:
-    """Return one message's rows of all components of a vehicle (camera, gimbal), as recorded."""
-    found = [row for sender, own in rows[name].items() if sender[0] == vehicle[0] for row in own]
-    return sorted(found, key=lambda row: row[0])
+def _of_system(rows: _Rows, name: str, vehicle: _Vehicle) -> Records:
+    """Return one message's records of all components of a vehicle (camera, gimbal)."""
+    return merged([own for sender, own in rows[name].items() if sender[0] == vehicle[0]])
 
 
-def _stamps(rows: list[_Row]) -> Stamps:
-    return Stamps(
-        order=np.array([row[0] for row in rows], dtype=np.int64),
-        record_s=np.array([row[1] for row in rows], dtype=np.float64),
-        boot_s=np.array([row[2].boot_s for row in rows], dtype=np.float64),
-    )
+def _system_times(records: Records) -> SystemTimes:
+    return SystemTimes(records.stamps, records.columns[0] if records else np.empty(0))
 
 
-def _columns(rows: list[_Row], count: int) -> FloatArray:
-    """Return the values of rows as columns ``(count, n)``."""
-    values = np.array([row[2].values[:count] for row in rows], dtype=np.float64)
-    columns: FloatArray = values.reshape(len(rows), count).T
-    return columns
-
-
-def _positions(message: str, rows: list[_Row]) -> Positions:
-    lat_deg, lon_deg, height_m = _columns(rows, 3)
+def _positions(message: str, records: Records) -> Positions:
+    lat_deg, lon_deg, height_m = records.columns
     if message == "GLOBAL_POSITION_INT":
         source = "relative_alt"
     else:
         # GPS_RAW_INT knows only mean sea level: take the first fix as the height of home.
         source, height_m = "gps_altitude_above_first_fix", height_m - height_m[0]
-    return Positions(_stamps(rows), lat_deg, lon_deg, height_m, message, source)
+    return Positions(records.stamps, lat_deg, lon_deg, height_m, message, source)
 
 
-def _camera_events(name: str, rows: list[_Row]) -> CameraEvents:
-    unix_s, sequence = _columns(rows, 2)
-    file_names = tuple(row[2].text for row in rows)
-    return CameraEvents(_stamps(rows), unix_s, sequence.astype(np.int64), file_names, name)
+def _camera_events(name: str, records: Records) -> CameraEvents:
+    unix_s, sequence = records.columns
+    return CameraEvents(
+        records.stamps, unix_s, sequence.astype(np.int64), tuple(records.texts), name
+    )
 
 
 def _gimbal(rows: _Rows, vehicle: _Vehicle) -> GimbalAttitudes | None:
@@ -210,8 +196,8 @@ def _gimbal(rows: _Rows, vehicle: _Vehicle) -> GimbalAttitudes | None:
         senders = [own for sender, own in rows[name].items() if sender[0] == vehicle[0]]
         if senders:
             found = max(senders, key=len)
-            columns = _columns(found, 5)
-            return GimbalAttitudes(_stamps(found), columns[:4].T, columns[4] > 0.5, name)
+            columns = found.columns
+            return GimbalAttitudes(found.stamps, columns[:4].T, columns[4] > 0.5, name)
     return None
 
 

@@ -1,7 +1,7 @@
 """Whole files or none: write beside the target, then rename over it."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from uasthn_cli.errors import OutputError
@@ -25,8 +25,12 @@ def write_text(path: Path, content: str) -> None:
     write_bytes(path, content.encode("utf-8"))
 
 
-def write_files(files: Sequence[tuple[Path, bytes]], marker: Path | None = None) -> None:
+def write_files(
+    files: Sequence[tuple[Path, bytes | Iterable[bytes]]], marker: Path | None = None
+) -> None:
     """Write several files: all are on disk in full before the first one is renamed into place.
+
+    A content may come in pieces, so that no file need be in memory as a whole.
 
     ``marker`` is a file whose presence says that the set is complete: it is removed before the
     first rename. Pass its new content as the last of ``files``.
@@ -61,10 +65,10 @@ def _temporary(path: Path) -> Path:
     return path.with_name(f".{path.name}.{os.getpid()}.tmp")
 
 
-def _write_through(path: Path, content: bytes) -> None:
+def _write_through(path: Path, content: bytes | Iterable[bytes]) -> None:
     """Write bytes and wait until the disk has them: a rename must not overtake its content."""
     with path.open("wb") as handle:
-        handle.write(content)
+        handle.writelines([content] if isinstance(content, bytes) else content)
         handle.flush()
         os.fsync(handle.fileno())
 

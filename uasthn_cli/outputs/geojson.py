@@ -1,7 +1,7 @@
 """``frames.geojson``: camera positions and footprints as an RFC 7946 FeatureCollection."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -22,19 +22,19 @@ _RING: Final = (0, 2, 3, 1)  # top-left, bottom-left, bottom-right, top-right
 _MIN_AREA_DEG2: Final = 1e-14
 
 
-def frames_geojson(results: Sequence[FrameResult]) -> str:
-    """Return the feature collection as text, one feature a line.
+def frames_geojson(results: Sequence[FrameResult]) -> Iterator[str]:
+    """Yield the feature collection as pieces of text, one feature a line.
 
     A frame with an estimate is a ``camera`` Point and a ``footprint`` Polygon; a frame without one
     is a single ``failure`` feature whose geometry is null (RFC 7946, section 3.2).
     """
-    features = [
-        json.dumps(feature, ensure_ascii=False, allow_nan=False)
-        for result in results
-        for feature in _features(result)
-    ]
-    body = ",\n".join(features)
-    return f'{{"type": "FeatureCollection", "features": [\n{body}\n]}}\n'
+    yield '{"type": "FeatureCollection", "features": ['
+    separator = "\n"
+    for result in results:
+        for feature in _features(result):
+            yield separator + json.dumps(feature, ensure_ascii=False, allow_nan=False)
+            separator = ",\n"
+    yield "\n]}\n" if results else "\n\n]}\n"
 
 
 def camera_geometry(lat_deg: float, lon_deg: float) -> dict[str, Any] | None:

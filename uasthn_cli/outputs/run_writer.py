@@ -1,6 +1,6 @@
 """A results folder: checked before the work, written whole after it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -56,12 +56,15 @@ def write_run(
         OutputError: a file cannot be written.
         ValueError: the CRS is not understood.
     """
-    contents = {
+    contents: dict[str, Iterable[str]] = {
         FRAMES_CSV: frames_csv(results, truth, crs),
         FRAMES_GEOJSON: frames_geojson(results),
-        RUN_JSON: run_json(record, results),
+        RUN_JSON: [run_json(record, results)],
     }
-    files = [(out_dir / name, text.encode("utf-8")) for name, text in contents.items()]
+    files = [
+        (out_dir / name, (text.encode("utf-8") for text in texts))
+        for name, texts in contents.items()
+    ]
     atomic.write_files(files, marker=out_dir / RUN_JSON)
 
 

@@ -3,14 +3,12 @@
 import csv
 import io
 from collections.abc import Iterator, Sequence
-from itertools import product
-from pathlib import Path
+from itertools import chain, product
 from typing import Final
 
 import numpy as np
 
 from uasthn_cli.geometry.geodesy import is_geographic, to_crs
-from uasthn_cli.outputs import atomic
 from uasthn_cli.outputs.formatting import (
     DEGREE_DECIMALS,
     METRE_DECIMALS,
@@ -79,8 +77,8 @@ def columns(truth: Truth | None, crs: str | None, with_single: bool = False) -> 
 
 def to_rows(
     results: Sequence[FrameResult], truth: Truth | None, crs: str | None
-) -> list[list[str]]:
-    """Return one row of cells per result, in the order of :func:`columns`.
+) -> Iterator[list[str]]:
+    """Yield one row of cells per result, in the order of :func:`columns`.
 
     A rejected frame keeps its estimate; what a frame without one does not know stays empty.
 
@@ -88,38 +86,25 @@ def to_rows(
         ValueError: the CRS is not understood.
     """
     names = columns(truth, crs, has_single(results))
-    rows = []
     for result, projected in zip(results, _projected_cells(results, crs), strict=True):
         cells = _common_cells(result) | projected | _error_cells(result, truth)
         cells |= _fix_cells(result) if isinstance(result, Fix) else _failure_cells(result)
         cells |= _single_cells(result, truth)
-        rows.append([cells.get(name, "") for name in names])
-    return rows
+        yield [cells.get(name, "") for name in names]
 
 
-def frames_csv(results: Sequence[FrameResult], truth: Truth | None, crs: str | None) -> str:
-    """Return the whole table as CSV: quoted by RFC 4180, lines ended by a line feed.
+def frames_csv(
+    results: Sequence[FrameResult], truth: Truth | None, crs: str | None
+) -> Iterator[str]:
+    """Yield the table as lines of CSV: quoted by RFC 4180, ended by a line feed.
 
     Raises:
         ValueError: the CRS is not understood.
     """
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns(truth, crs, has_single(results)))
-    writer.writerows(to_rows(results, truth, crs))
-    return text.getvalue()
-
-
-def write_frames_csv(
-    path: Path, results: Sequence[FrameResult], truth: Truth | None, crs: str | None
-) -> None:
-    """Write the table atomically.
-
-    Raises:
-        OutputError: the file cannot be written.
-        ValueError: the CRS is not understood.
-    """
-    atomic.write_text(path, frames_csv(results, truth, crs))
+    for cells in chain([columns(truth, crs, has_single(results))], to_rows(results, truth, crs)):
+        line = io.StringIO(newline="")
+        csv.writer(line, lineterminator="\n").writerow(cells)
+        yield line.getvalue()
 
 
 def has_single(results: Sequence[FrameResult]) -> bool:
