@@ -17,7 +17,12 @@ from uasthn_cli.seam import Similarity
 from uasthn_cli.types import BoolArray, FloatArray, ImageArray
 
 _WHOLE = 0.999
-_AT_ONCE = 4
+_PLANES_AT_ONCE = 4
+"""OpenCV turns so many planes at once in hardly more time than one."""
+
+_HYPOTHESES_AT_ONCE = 8
+"""Templates of all would be the largest thing in memory."""
+
 _NEIGHBOURHOOD = (3, 3)
 """Interpolation smooths, and smooth features correlate better: this levels the ground."""
 
@@ -37,6 +42,12 @@ class TurnedFrame:
 
     def __call__(self, hypotheses: Sequence[Similarity]) -> FloatArray:
         """Return the best score ``(n,)`` of each hypothesis."""
+        parts = range(0, len(hypotheses), _HYPOTHESES_AT_ONCE)
+        return np.concatenate(
+            [self._best(hypotheses[first : first + _HYPOTHESES_AT_ONCE]) for first in parts]
+        )
+
+    def _best(self, hypotheses: Sequence[Similarity]) -> FloatArray:
         scores = []
         for one in self._members:
             turned, masks = turned_features(one.frame, self._mask, hypotheses)
@@ -68,8 +79,9 @@ def turned_features(
     height, width = mask.shape
     smooth = [cv2.blur(plane, _NEIGHBOURHOOD, borderType=cv2.BORDER_CONSTANT) for plane in features]
     planes = [*smooth, mask]
-    # OpenCV turns four planes at once in hardly more time than one
-    stacks = [np.dstack(planes[k : k + _AT_ONCE]) for k in range(0, len(planes), _AT_ONCE)]
+    stacks = [
+        np.dstack(planes[k : k + _PLANES_AT_ONCE]) for k in range(0, len(planes), _PLANES_AT_ONCE)
+    ]
     turned = np.empty((len(hypotheses), len(planes), height, width), np.float32)
     flags = cv2.WARP_INVERSE_MAP | cv2.INTER_LINEAR
     for result, hypothesis in zip(turned, hypotheses, strict=True):
@@ -77,7 +89,7 @@ def turned_features(
         for k, stack in enumerate(stacks):
             warped = cv2.warpAffine(stack, source, (width, height), flags=flags)
             warped = warped.reshape(height, width, -1).transpose(2, 0, 1)
-            result[k * _AT_ONCE : k * _AT_ONCE + len(warped)] = warped
+            result[k * _PLANES_AT_ONCE : k * _PLANES_AT_ONCE + len(warped)] = warped
     return turned[:, :-1], (turned[:, -1] > _WHOLE).astype(np.float32)
 
 
