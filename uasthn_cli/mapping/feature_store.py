@@ -179,6 +179,7 @@ class FeatureStore:
 @lru_cache(maxsize=8)
 def open_store(folder: Path) -> FeatureStore:
     """Return the one store of a folder in this process, which warns once if it must."""
+    _log.info("map features are kept in %s", folder)
     return FeatureStore(folder)
 
 

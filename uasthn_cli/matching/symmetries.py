@@ -15,7 +15,7 @@ from uasthn_cli.types import BoolArray, ImageArray
 SYMMETRIES = 8
 
 _QUARTER_TURNS = (0, 2, 1, 3)
-"""Upside down comes second: two opposite orientations cancel an encoder's lopsidedness."""
+"""Upside down comes second: two opposite orientations cancel an encoder's bias to one side."""
 
 _T = TypeVar("_T", bound=np.generic)
 

@@ -26,7 +26,7 @@ Progress = Callable[[str, int, int], AbstractContextManager[Callable[[int], None
 many are done after each further one."""
 
 
-class Keeper(Protocol[T]):
+class FrameJournal(Protocol[T]):
     """Where finished frames are kept: an :class:`outputs.journal.Journal`, or memory."""
 
     @property
@@ -41,11 +41,11 @@ class Journals(Protocol):
     """What frames gave alone, and what refining them gave."""
 
     @property
-    def located(self) -> Keeper[Located]:
+    def located(self) -> FrameJournal[Located]:
         """Of each frame alone."""
 
     @property
-    def refined(self) -> Keeper[RefinedFrame]:
+    def refined(self) -> FrameJournal[RefinedFrame]:
         """Of each frame of the flight."""
 
 
@@ -117,29 +117,29 @@ def drive(run: Run, journals: Journals | None = None, progress: Progress = _sile
     kept = MemoryJournals() if journals is None else journals
     taken_over = frozenset(kept.located.finished)
     entries = run.locate(taken_over)
-    write_s = _keep(ALONE, len(run.names), kept.located, entries, progress)
+    write_s = _append_missing(ALONE, len(run.names), kept.located, entries, progress)
     located = _InOrder(run.names, kept.located.finished)
     computed = len(located) - len(taken_over)
     flight = run.fuse_flight(located) if run.fuses else None
     if flight is None:
         return Outcome(located, None, [entry.result for entry in located], computed, write_s)
     refined = run.refine(flight, frozenset(kept.refined.finished))
-    write_s += _keep(REFINING, len(flight.frames), kept.refined, refined, progress)
+    write_s += _append_missing(REFINING, len(flight.frames), kept.refined, refined, progress)
     results = run.place_frames(located, flight, kept.refined.finished)
     return Outcome(located, flight, results, computed, write_s)
 
 
-def _keep(
-    step: str, total: int, keeper: Keeper[T], entries: Iterable[T], progress: Progress
+def _append_missing(
+    step: str, total: int, journal: FrameJournal[T], entries: Iterable[T], progress: Progress
 ) -> float:
     """Append what is missing, in whatever order it comes; return the seconds spent on that."""
     write_s = 0.0
-    with progress(step, total, len(keeper.finished)) as advance:
+    with progress(step, total, len(journal.finished)) as advance:
         for entry in entries:
             before_s = perf_counter()
-            keeper.append(entry)
+            journal.append(entry)
             write_s += perf_counter() - before_s
-            advance(len(keeper.finished))
+            advance(len(journal.finished))
     return write_s
 
 
