@@ -15,6 +15,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from flight_options import each, flight_arguments
 from keypoints import akaze_magsac, has_akaze, sift_magsac
 from mutual_information import MiChannel, MutualInformationEstimator
 from phase_correlation import PhaseCorrelationEstimator
@@ -127,17 +128,7 @@ def as_csv(scores: list[Score]) -> str:
 
 
 @click.command()
-@click.argument("flights", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
-@click.option("--hfov", type=float, required=True, metavar="DEG", help="Field of view.")
-@click.option(
-    "--search-radius",
-    "radii_m",
-    type=float,
-    multiple=True,
-    required=True,
-    metavar="M",
-    help="Once for all flights, or once for each.",
-)
+@flight_arguments
 @click.option(
     "--estimator",
     "names",
@@ -155,16 +146,16 @@ def as_csv(scores: list[Score]) -> str:
     help="Folder for estimators.csv and estimators.md.",
 )
 def main(
-    flights: tuple[Path, ...],
-    hfov: float,
+    folders: tuple[Path, ...],
+    hfovs_deg: tuple[float, ...],
     radii_m: tuple[float, ...],
     names: tuple[str, ...],
     threads: int,
     out: Path,
 ) -> None:
     """Compare estimators on flights with truth."""
-    if len(radii_m) not in {1, len(flights)}:
-        raise click.UsageError("give --search-radius once, or once for each flight")
+    each_deg = each("--hfov", hfovs_deg, folders)
+    each_m = each("--search-radius", radii_m, folders)
     if AKAZE in names and not has_akaze():
         click.echo(
             f"{AKAZE}: left out; OpenCV 5 has it in opencv-contrib-python-headless", err=True
@@ -173,12 +164,11 @@ def main(
     use_threads(threads)
     keep_freed_memory()
     scores = []
-    each_m = radii_m if len(radii_m) > 1 else radii_m * len(flights)
-    for folder, radius_m in zip(flights, each_m, strict=True):
+    for folder, hfov_deg, radius_m in zip(folders, each_deg, each_m, strict=True):
         truth = read_truth(folder / "truth.csv")
         for name in names:
             click.echo(f"{folder.name}: {name}", err=True)
-            scores.append(score(_job(folder, hfov, radius_m), folder.name, name, truth))
+            scores.append(score(_job(folder, hfov_deg, radius_m), folder.name, name, truth))
     table = as_markdown(scores, threads)
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / "estimators.csv", as_csv(scores))

@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 
 import click
+from flight_options import each, flight_arguments
 from speed_cases import GROUPS, Plan, batches, installed, older
 from speed_figures import Figures, measure
 from speed_inputs import flight_of
@@ -40,17 +41,7 @@ class Numbers(click.ParamType["tuple[float, ...]"]):
 
 
 @click.command()
-@click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
-@click.option("--hfov", "hfovs_deg", type=float, multiple=True, required=True, metavar="DEG")
-@click.option(
-    "--search-radius",
-    "radii_m",
-    type=float,
-    multiple=True,
-    required=True,
-    metavar="M",
-    help="Like --hfov once for all flights, or once for each.",
-)
+@flight_arguments
 @click.option(
     "--only",
     type=click.Choice(GROUPS),
@@ -110,10 +101,8 @@ def main(
     out: Path,
 ) -> None:
     """Measure what geo-tagging takes."""
-    each_deg, each_m = (
-        _each("--hfov", hfovs_deg, folders),
-        _each("--search-radius", radii_m, folders),
-    )
+    each_deg = each("--hfov", hfovs_deg, folders)
+    each_m = each("--search-radius", radii_m, folders)
     flights = [flight_of(*one) for one in zip(folders, each_deg, each_m, strict=True)]
     found: list[Figures] = []
     with tempfile.TemporaryDirectory() as temporary:
@@ -144,12 +133,6 @@ def _write(found: list[Figures], threads: int, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / "speed.csv", as_csv(found))
     write_text(out / "speed.md", as_markdown(found, threads))
-
-
-def _each(option: str, values: tuple[float, ...], folders: tuple[Path, ...]) -> tuple[float, ...]:
-    if len(values) not in {1, len(folders)}:
-        raise click.UsageError(f"give {option} once, or once for each flight")
-    return values * len(folders) if len(values) == 1 else values
 
 
 if __name__ == "__main__":
