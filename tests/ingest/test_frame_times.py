@@ -76,7 +76,7 @@ def test_camera_messages_come_before_names(tmp_path: Path) -> None:
     assert "7 of 8 frames" in found.why
     assert "1 more by their own clock" in found.why
     assert "2401.3 s slow" in found.why
-    assert "2 messages have no frame" in found.why
+    assert "2 of these messages have no frame" in found.why
     # dated by the vehicle's own stamps, not by their late arrival
     assert found.times_s == pytest.approx(expected, abs=0.03)
 

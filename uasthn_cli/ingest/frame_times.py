@@ -204,8 +204,15 @@ def _from_events(
         except UnpairedError as error:
             refused.append(f"{len(events.stamps)} {events.message}: {error}")
             continue
-        if pairing is not None and (pairing.index >= 0).sum() >= LEAST_SHARE * len(frames):
-            found.append(_dated_by_events(events, event_s, hints_s, pairing))
+        if pairing is None or (pairing.index >= 0).sum() < LEAST_SHARE * len(frames):
+            _log.warning(
+                "the log's %d %s messages are left alone: they are those of fewer than half of"
+                " the frames",
+                len(events.stamps),
+                events.message,
+            )
+            continue
+        found.append(_dated_by_events(events, event_s, hints_s, pairing))
     if found:
         return max(found, key=_paired)
     if refused:
@@ -230,8 +237,11 @@ def _dated_by_events(
     """
     paired = pairing.index >= 0
     times_s = np.where(paired, event_s[pairing.index], np.nan)
-    if pairing.shift_s is not None and pairing.drift is not None:
-        own_s = hints_s + pairing.shift_s + pairing.drift * (hints_s - np.nanmin(hints_s))
+    ahead_s = times_s - hints_s
+    if np.isfinite(ahead_s).any():
+        own_s = hints_s + np.nanmedian(ahead_s)
+        if pairing.shift_s is not None and pairing.drift is not None:
+            own_s = hints_s + pairing.shift_s + pairing.drift * (hints_s - np.nanmin(hints_s))
         times_s = np.where(paired, times_s, own_s)
     carried = int(np.isfinite(times_s).sum() - paired.sum())
     rest = f", {carried} more by their own clock set by these" if carried else ""
@@ -241,7 +251,7 @@ def _dated_by_events(
         source=events.message.lower(),
         why=f"times of {int(paired.sum())} of {len(times_s)} frames from the log's"
         f" {len(events.stamps)} {events.message} messages, paired {pairing.why}{rest};"
-        f" {unused} messages have no frame",
+        f" {unused} of these messages have no frame",
         pairing=pairing,
         messages=len(events.stamps),
     )

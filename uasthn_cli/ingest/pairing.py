@@ -79,8 +79,10 @@ def pair_frames(
     kept = _distinct(events, times_s)
     if by in {PairBy.AUTO, PairBy.NAME}:
         index = _by_names(frames, events.file_names)
-        if (index >= 0).any() or by is PairBy.NAME:
-            return _named(index)
+        if (index >= 0).any():
+            return Pairing(index, PairBy.NAME, "by the names that the camera gave its files")
+        if by is PairBy.NAME:
+            raise UnpairedError("no message names a frame's file")
     if not len(kept):
         return None
     is_forced = by is not PairBy.AUTO
@@ -94,10 +96,6 @@ def pair_frames(
         return None
     index = np.where(found.index >= 0, kept[found.index], -1)
     return Pairing(index, found.by, found.why, found.shift_s, found.drift, found.residual_s)
-
-
-def _named(index: IntArray) -> Pairing:
-    return Pairing(index, PairBy.NAME, "by the names that the camera gave its files")
 
 
 def _by_names(frames: Sequence[FrameFile], file_names: Sequence[str]) -> IntArray:
