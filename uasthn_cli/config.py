@@ -56,6 +56,17 @@ class TimeBase(StrEnum):
     VEHICLE = "vehicle"
 
 
+class PairBy(StrEnum):
+    """What says which camera message a frame has; ``none``: messages are left alone."""
+
+    AUTO = "auto"
+    NAME = "name"
+    TIME = "time"
+    NUMBER = "number"
+    ORDER = "order"
+    NONE = "none"
+
+
 class Precision(StrEnum):
     """Number format of the encoders while training; all else is float32.
 
@@ -153,12 +164,13 @@ class DecisionConfig:
 
 @dataclass(frozen=True, slots=True)
 class PriorConfig:
-    """How log and frame times are joined: clock choice, offset, and the longest gap bridged."""
+    """How log and frames are joined: clock, pairing, offset, and the longest gap bridged."""
 
     time_base: TimeBase = TimeBase.AUTO
     time_offset_s: float = 0.0
     max_gap_s: float = 2.0
     height_above_ground_m: float | None = None
+    pair_by: PairBy = PairBy.AUTO
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,15 @@ from small_flight import Flight
 from uasthn_cli.commands.main import COMMANDS, main
 from uasthn_cli.commands.matching_options import matching_options
 from uasthn_cli.commands.options import camera_options, prior_options
-from uasthn_cli.config import Aggregation, GeotagConfig, PriorConfig, Rule, Sampling, TimeBase
+from uasthn_cli.config import (
+    Aggregation,
+    GeotagConfig,
+    PairBy,
+    PriorConfig,
+    Rule,
+    Sampling,
+    TimeBase,
+)
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.matching import registry
 
@@ -48,7 +56,7 @@ def test_defaults_are_those_of_the_configuration(
 def test_every_option_arrives(probe: click.Command, received: dict[str, Any]) -> None:
     typed = (
         "--focal-mm 13 --pixel-pitch-um 17 --distortion=-0.3,0.1,0,0 --mount-yaw -90"
-        " --time-base record --time-offset -2.5 --max-gap 0.5 --height-m 120"
+        " --time-base record --pair-by time --time-offset -2.5 --max-gap 0.5 --height-m 120"
         " --search-radius 450 --gsd 1.5 --estimator ncc --device cpu --crops 9"
         " --crop-sampling grid --crop-offset 0.25 --seed 3 --aggregation mean --max-std 4px"
         " --rule any --min-confidence 0.7"
@@ -58,7 +66,7 @@ def test_every_option_arrives(probe: click.Command, received: dict[str, Any]) ->
     assert received["camera"] == CameraSpec(
         focal_mm=13.0, pixel_pitch_um=17.0, distortion=(-0.3, 0.1, 0.0, 0.0), mount_yaw_deg=-90.0
     )
-    assert received["prior"] == PriorConfig(TimeBase.RECORD, -2.5, 0.5, 120.0)
+    assert received["prior"] == PriorConfig(TimeBase.RECORD, -2.5, 0.5, 120.0, PairBy.TIME)
     config: GeotagConfig = received["config"]
     assert (config.search_radius_m, config.gsd_m) == (450.0, 1.5)
     assert (config.estimator, config.device) == ("ncc", "cpu")

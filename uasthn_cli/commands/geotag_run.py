@@ -44,6 +44,8 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
     started_utc_s, started_s = time.time(), time.perf_counter()
     truth = None if target.truth_path is None else read_truth(target.truth_path)
     with open_run(job) as run:
+        if run.priors.frame_times.pairing is not None:
+            say(f"Frames and camera messages: {run.priors.frame_times.why}")
         if truth is not None:
             truth.require_match(run.names)
         prepare_output(target.out, target.overwrite)

@@ -20,7 +20,7 @@ from uasthn_cli.commands.parameter_types import (
     FiniteRange,
 )
 from uasthn_cli.commands.sections import section_option
-from uasthn_cli.config import PriorConfig, TimeBase
+from uasthn_cli.config import PairBy, PriorConfig, TimeBase
 
 if TYPE_CHECKING:
     from uasthn_cli.ingest.cameras import CameraSpec
@@ -92,7 +92,7 @@ def _camera_spec(
 
 
 def _prior_config(
-    time_base: str, time_offset_s: float, max_gap_s: float, height_m: float | None
+    time_base: str, pair_by: str, time_offset_s: float, max_gap_s: float, height_m: float | None
 ) -> PriorConfig:
     """Return how log and frame times are joined."""
     return PriorConfig(
@@ -100,6 +100,7 @@ def _prior_config(
         time_offset_s=time_offset_s,
         max_gap_s=max_gap_s,
         height_above_ground_m=height_m,
+        pair_by=PairBy(pair_by),
     )
 
 
@@ -156,6 +157,15 @@ prior_options: Final = gathered(
         show_default=True,
         help="Which clock dates the log: the ground station's (record), the vehicle's"
         " (SYSTEM_TIME), or whichever fits the frames (auto).",
+    ),
+    time_option(
+        "--pair-by",
+        type=click.Choice([kind.value for kind in PairBy]),
+        default=_PRIOR.pair_by.value,
+        show_default=True,
+        help="What tells which of the log's camera messages each frame has: the camera's file"
+        " names, the frames' own times, the numbers in both, or their order; none leaves the"
+        " messages alone. auto refuses what is not clear.",
     ),
     time_option(
         "--time-offset",

@@ -8,11 +8,13 @@ from typing import Final
 
 import numpy as np
 
+from uasthn_cli.config import PairBy
 from uasthn_cli.errors import FrameTimesError
-from uasthn_cli.ingest.camera_events import event_times_s, match_events
+from uasthn_cli.ingest.camera_events import event_times_s
 from uasthn_cli.ingest.clock import Clock
 from uasthn_cli.ingest.exif import read_exif
 from uasthn_cli.ingest.frame_table import read_frame_table
+from uasthn_cli.ingest.pairing import LEAST_SHARE, Pairing, UnpairedError, pair_frames
 from uasthn_cli.ingest.telemetry import CameraEvents, Telemetry
 from uasthn_cli.ingest.timebase import Span, covered_share
 from uasthn_cli.ingest.timestamps import StatedTime, time_in_name
@@ -38,12 +40,15 @@ class FrameTimes:
 
     ``source`` is ``table``, a camera message's name, ``name`` or ``exif``; ``why`` says in
     words how many frames it dates. ``is_local`` marks times that were stated without a time zone.
+    ``pairing`` tells, where times are those of camera messages, which of these each frame has.
     """
 
     times_s: tuple[float | None, ...]
     source: str
     why: str
     is_local: bool = False
+    pairing: Pairing | None = None
+    messages: int = 0
 
     @property
     def known_s(self) -> list[float]:
@@ -75,32 +80,42 @@ def stated_times(frames: Sequence[FrameFile], csv: Path | None) -> FrameTimes | 
 
 
 def frame_times(
-    frames: Sequence[FrameFile], telemetry: Telemetry, clock: Clock, csv: Path | None
+    frames: Sequence[FrameFile],
+    telemetry: Telemetry,
+    clock: Clock,
+    csv: Path | None,
+    pair_by: PairBy = PairBy.AUTO,
 ) -> FrameTimes:
     """Return capture times of frames, from the best source there is.
 
-    In order: the table ``csv``; camera messages of the log, dated by ``clock``; times in file
-    names; EXIF ``DateTimeOriginal``.
+    In order: the table ``csv``; camera messages of the log, dated by ``clock`` and paired by
+    ``pair_by``; times in file names; EXIF ``DateTimeOriginal``.
 
     Raises:
-        FrameTimesError: no source dates the frames, or the table cannot be used.
+        FrameTimesError: no source dates the frames, the table cannot be used, or frames and camera
+            messages may be paired in several ways.
     """
-    return with_camera_messages(frames, telemetry, clock, stated_times(frames, csv))
+    return with_camera_messages(frames, telemetry, clock, stated_times(frames, csv), pair_by)
 
 
 def with_camera_messages(
-    frames: Sequence[FrameFile], telemetry: Telemetry, clock: Clock, stated: FrameTimes | None
+    frames: Sequence[FrameFile],
+    telemetry: Telemetry,
+    clock: Clock,
+    stated: FrameTimes | None,
+    pair_by: PairBy = PairBy.AUTO,
 ) -> FrameTimes:
     """Return ``stated`` times, or those of the log's camera messages where these come first.
 
     Raises:
-        FrameTimesError: there is neither.
+        FrameTimesError: there is neither, or the messages may be paired in several ways.
     """
     if stated is not None and stated.source == "table":
         return stated
-    from_log = _from_events(frames, telemetry, clock, stated)
-    if from_log is not None:
-        return from_log
+    if pair_by is not PairBy.NONE:
+        from_log = _from_events(frames, telemetry, clock, stated, pair_by)
+        if from_log is not None:
+            return from_log
     if stated is not None:
         return stated
     events = sum(len(events.stamps) for events in telemetry.camera_events)
@@ -166,35 +181,77 @@ def _look_up(table: dict[str, StatedTime], frame: FrameFile) -> StatedTime | Non
 
 
 def _from_events(
-    frames: Sequence[FrameFile], telemetry: Telemetry, clock: Clock, stated: FrameTimes | None
+    frames: Sequence[FrameFile],
+    telemetry: Telemetry,
+    clock: Clock,
+    stated: FrameTimes | None,
+    pair_by: PairBy,
 ) -> FrameTimes | None:
-    """Return times of the camera message that fits most frames, None if none fits half of them."""
+    """Return times of the camera message that fits most frames, None if none fits half of them.
+
+    Raises:
+        FrameTimesError: messages there are, but none that is clearly the frames'.
+    """
     hints_s = np.full(len(frames), np.nan)
     if stated is not None:
         hints_s = np.array([np.nan if t is None else t for t in stated.times_s])
-    best: FrameTimes | None = None
-    most = 0
+    found: list[FrameTimes] = []
+    refused: list[str] = []
     for events in telemetry.camera_events:
         event_s = event_times_s(events, clock)
-        index = match_events(frames, hints_s, events, event_s)
-        matched = int((index >= 0).sum())
-        if matched < _MIN_SHARE * len(frames) or matched <= most:
+        try:
+            pairing = pair_frames(frames, hints_s, events, event_s, pair_by)
+        except UnpairedError as error:
+            refused.append(f"{len(events.stamps)} {events.message}: {error}")
             continue
-        times_s = np.where(index >= 0, event_s[index], np.nan)
-        ahead_s = (times_s - hints_s)[np.isfinite(times_s - hints_s)]
-        if len(ahead_s):
-            # A frame whose message was lost is dated by its own clock, set by the others' messages.
-            times_s = np.where(index >= 0, times_s, hints_s + np.median(ahead_s))
-        best, most = _dated_by_events(events, times_s, matched), matched
-    return best
+        if pairing is None or (pairing.index >= 0).sum() < LEAST_SHARE * len(frames):
+            _log.warning(
+                "the log's %d %s messages are left alone: they are those of fewer than half of"
+                " the frames",
+                len(events.stamps),
+                events.message,
+            )
+            continue
+        found.append(_dated_by_events(events, event_s, hints_s, pairing))
+    if found:
+        return max(found, key=_paired)
+    if refused:
+        raise FrameTimesError(
+            f"frames and the log's camera messages cannot be paired ({'; '.join(refused)}); say"
+            " which evidence to believe with --pair-by name|time|number|order, leave the messages"
+            " alone with --pair-by none, or give --frame-times FILE.csv"
+        )
+    return None
 
 
-def _dated_by_events(events: CameraEvents, times_s: FloatArray, matched: int) -> FrameTimes:
-    carried = int(np.isfinite(times_s).sum()) - matched
+def _paired(times: FrameTimes) -> int:
+    return 0 if times.pairing is None else int((times.pairing.index >= 0).sum())
+
+
+def _dated_by_events(
+    events: CameraEvents, event_s: FloatArray, hints_s: FloatArray, pairing: Pairing
+) -> FrameTimes:
+    """Return the times of a pairing.
+
+    A frame whose message was lost is dated by its own clock, set by the others' messages.
+    """
+    paired = pairing.index >= 0
+    times_s = np.where(paired, event_s[pairing.index], np.nan)
+    ahead_s = times_s - hints_s
+    if np.isfinite(ahead_s).any():
+        own_s = hints_s + np.nanmedian(ahead_s)
+        if pairing.shift_s is not None and pairing.drift is not None:
+            own_s = hints_s + pairing.shift_s + pairing.drift * (hints_s - np.nanmin(hints_s))
+        times_s = np.where(paired, times_s, own_s)
+    carried = int(np.isfinite(times_s).sum() - paired.sum())
     rest = f", {carried} more by their own clock set by these" if carried else ""
+    unused = len(events.stamps) - len(np.unique(pairing.index[paired]))
     return FrameTimes(
         times_s=tuple(float(t) if np.isfinite(t) else None for t in times_s),
         source=events.message.lower(),
-        why=f"times of {matched} of {len(times_s)} frames from the log's"
-        f" {len(events.stamps)} {events.message} messages{rest}",
+        why=f"times of {int(paired.sum())} of {len(times_s)} frames from the log's"
+        f" {len(events.stamps)} {events.message} messages, paired {pairing.why}{rest};"
+        f" {unused} of these messages have no frame",
+        pairing=pairing,
+        messages=len(events.stamps),
     )

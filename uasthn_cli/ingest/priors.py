@@ -98,7 +98,7 @@ def build_priors(
         stated = in_zone_of_log(stated, spans, config.time_offset_s)
         hints = np.array(stated.known_s) + config.time_offset_s
     choice = choose_time_base(telemetry, config.time_base, hints)
-    times = with_camera_messages(frames, telemetry, choice.clock, stated)
+    times = with_camera_messages(frames, telemetry, choice.clock, stated, config.pair_by)
     _log.info("frame times: %s", times.why)
     tracks = _tracks(telemetry, choice.clock)
     results = [

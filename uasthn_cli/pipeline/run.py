@@ -157,12 +157,14 @@ class Run:
     def describe(self) -> dict[str, Any]:
         """Return what was chosen for this run, ready for ``run.json``."""
         local, spec = self._search_matcher.local, self._job.spec
+        times = self.priors.frame_times
         return {
             "time_base": {
                 "base": str(self.priors.time_base.base),
                 "why": self.priors.time_base.why,
             },
-            "frame_times": self.priors.frame_times.why,
+            "frame_times": times.why,
+            "pairing": times.pairing and times.pairing.describe(self.names, times.messages),
             "height_source": self.priors.height_source,
             "estimator": self._search_matcher.estimator.name,
             "uncertainty": self._described_uncertainty(),
