@@ -179,3 +179,19 @@ def test_frame_times_from_a_table(flight: Flight, tmp_path: Path) -> None:
     assert result.exit_code == 0, result.stderr
     assert record(out)["counts"]["with_estimate"] == 4
     assert record(out)["inputs"]["frame_times"]["path"] == str(table)
+
+
+def test_without_a_folder_results_go_to_a_new_one_named_by_the_log(
+    flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments = flight.arguments(tmp_path / "unused")
+    where = arguments.index("--out")
+    del arguments[where : where + 2]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.stderr
+    assert f"Results are in {flight.log.stem}-geotag" in result.stderr
+    assert record(tmp_path / f"{flight.log.stem}-geotag")["counts"]["frames"] == 4
+    again = CliRunner().invoke(main, arguments)
+    assert again.exit_code == 18
+    assert "--overwrite" in again.stderr

@@ -14,8 +14,8 @@ from frame_results import (
 )
 
 from uasthn_cli.errors import OutputError
-from uasthn_cli.outputs.journal import LOCATED, Journal
-from uasthn_cli.outputs.run_writer import prepare_output, write_run
+from uasthn_cli.outputs.journal import JOURNAL_NAME, LOCATED, Journal
+from uasthn_cli.outputs.run_writer import folder_of_log, prepare_output, write_run
 from uasthn_cli.outputs.truth import read_truth
 from uasthn_cli.types import FrameResult
 
@@ -131,3 +131,17 @@ def test_a_failing_write_leaves_the_earlier_results(
         write(tmp_path, RESULTS[:1])
     assert {name: (tmp_path / name).read_bytes() for name in FILES} == before
     assert listing(tmp_path) == FILES
+
+
+def test_a_folder_that_nobody_named_must_be_new(tmp_path: Path) -> None:
+    out = tmp_path / folder_of_log(Path("logs/2024 flight.tlog"))
+    assert out.name == "2024 flight-geotag"
+    prepare_output(out, overwrite=False, is_named=False)
+    prepare_output(out, overwrite=False, is_named=False)
+    (out / "notes.txt").write_text("mine")
+    prepare_output(out, overwrite=False)
+    prepare_output(out, overwrite=True, is_named=False)
+    with pytest.raises(OutputError, match="not empty"):
+        prepare_output(out, overwrite=False, is_named=False)
+    (out / JOURNAL_NAME).write_text("of an interrupted run")
+    prepare_output(out, overwrite=False, is_named=False)

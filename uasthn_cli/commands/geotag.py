@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _EXAMPLES: Final = """\
 \b
 A camera with 45° of view; 200 m around the logged positions are searched:
-  uasthn geotag flight.tlog frames/ --map map.tif --hfov 45 --out out/flight
+  uasthn geotag flight.tlog frames/ --map map.tif --hfov 45
 \b
 A GPS that may be 450 m off, positions in the map's own reference system too:
   uasthn geotag flight.tlog frames/ --map map.tif --camera boson640-18mm \\
@@ -65,7 +65,11 @@ input_option = section_option("Input")
     metavar="MAP",
     help="Georeferenced image of the area, any raster that GDAL reads.",
 )
-@out_option("Folder for frames.csv, frames.geojson and run.json.")
+@out_option(
+    "Folder for frames.csv, frames.geojson and run.json.  [default: LOG-geotag, a new folder named"
+    " by the log]",
+    required=False,
+)
 @overwrite_option
 @cache_option
 @jobs_option
@@ -115,7 +119,7 @@ def geotag(
     log_path: Path,
     frames_path: Path,
     map_path: Path,
-    out: Path,
+    out: Path | None,
     overwrite: bool,
     cache_dir: Path | None,
     jobs: int | None,
@@ -134,6 +138,7 @@ def geotag(
     straight down. Every frame becomes a row; a frame that cannot be placed says why.
     """
     from uasthn_cli.commands.geotag_run import Target, geotag_to_folder
+    from uasthn_cli.outputs.run_writer import folder_of_log
     from uasthn_cli.pipeline import GeotagJob
     from uasthn_cli.pipeline.job import chosen_calibration
 
@@ -153,11 +158,14 @@ def geotag(
     )
     job = replace(job, calibration=chosen_calibration(job))
     require_consistent(job)
-    results = geotag_to_folder(job, Target(out, truth_path, crs, overwrite))
+    target = Target(
+        out or folder_of_log(log_path), truth_path, crs, overwrite, is_named=out is not None
+    )
+    results = geotag_to_folder(job, target)
     if job.calibration is None and calibration_name == "default":
         say("Answers are judged by plain limits: no calibration came with these weights")
     say_summary(results)
-    say(f"Results are in {out}; figures: uasthn report {out}")
+    say(f"Results are in {target.out}; figures: uasthn report {target.out}")
 
 
 def asked_calibration(name: str) -> "Calibration | BoxCalibration | None":

@@ -25,12 +25,16 @@ MAP_CRS: Final = "map"
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where results go: ``crs`` adds positions in ``map``'s or any other reference system."""
+    """Where results go: ``crs`` adds positions in ``map``'s or any other reference system.
+
+    ``is_named`` tells whether somebody asked for this very folder.
+    """
 
     out: Path
     truth_path: Path | None = None
     crs: str | None = None
     overwrite: bool = False
+    is_named: bool = True
 
 
 def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
@@ -48,7 +52,7 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
             say(f"Frames and camera messages: {run.priors.frame_times.why}")
         if truth is not None:
             truth.require_match(run.names)
-        prepare_output(target.out, target.overwrite)
+        prepare_output(target.out, target.overwrite, is_named=target.is_named)
         inputs = _inputs(job, run)
         fingerprint = fingerprint_of(job.config, job.prior, job.camera, run.calibration, inputs)
         with geotag_journals(target.out, fingerprint) as journals:

@@ -19,11 +19,17 @@ RUN_JSON: Final = "run.json"
 _RESULTS: Final = (FRAMES_CSV, FRAMES_GEOJSON, RUN_JSON)
 
 
-def prepare_output(out_dir: Path, overwrite: bool) -> None:
+def folder_of_log(log_path: Path) -> Path:
+    """Return the folder, in the working folder, for results that nobody named one for."""
+    return Path(f"{log_path.stem}-geotag")
+
+
+def prepare_output(out_dir: Path, overwrite: bool, *, is_named: bool = True) -> None:
     """Create a results folder, or check that one may be written; call it before any work.
 
     What an interrupted run left behind (a journal, and perhaps tables without ``run.json``) is no
-    obstacle; finished results are, unless ``overwrite``. Nothing of them is touched here.
+    obstacle; finished results are, unless ``overwrite``, and so is anything else in a folder that
+    nobody named. Nothing of them is touched here.
 
     Raises:
         OutputError: the folder holds results, is a file, or cannot be written.
@@ -36,6 +42,10 @@ def prepare_output(out_dir: Path, overwrite: bool) -> None:
         raise OutputError(
             f"{out_dir} already holds results ({', '.join(found)}):"
             " name another folder with --out, or add --overwrite"
+        )
+    if not (is_named or overwrite or interrupted) and out_dir.exists() and any(out_dir.iterdir()):
+        raise OutputError(
+            f"{out_dir} exists and is not empty: name a folder with --out, or add --overwrite"
         )
     _require_writable(out_dir)
 
