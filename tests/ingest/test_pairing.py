@@ -91,6 +91,14 @@ def test_a_steady_pace_is_refused_unless_forced(clock_s: float) -> None:
     assert paired(STEADY_S, files, kept, stated_s, by=PairBy.TIME) is not None
 
 
+def test_a_steady_pace_pairs_where_nothing_is_left_over() -> None:
+    everything = list(range(COUNT))
+    found = paired(STEADY_S, everything, everything, STEADY_S + 37.0)
+    assert found is not None
+    assert found.index.tolist() == everything
+    assert found.shift_s == pytest.approx(-37.0, abs=0.01)
+
+
 def test_dates_that_are_days_apart_are_refused_unless_forced() -> None:
     everything = list(range(COUNT))
     stated_s = UNEVEN_S - 592 * 86_400.0

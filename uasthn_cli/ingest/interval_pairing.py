@@ -7,7 +7,6 @@ Exposures at a steady pace fit under many shifts: then none is much likelier tha
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +25,9 @@ _WHOLE_SECOND_CLEARANCE_S = 0.35
 _INTERVAL_SHARE = 0.45
 _LEAST_DEVIATION_S = 0.02
 _WHOLE_SECOND_DEVIATION_S = 0.3
+_REFUTING_DEVIATIONS, _REFUTING_NATS = 3.5, 7.0
+"""What a rival must be worse by. Chosen on ``benchmarks/pairing.py`` with seed 0."""
+
 _VOTERS = 500
 """Frames that vote on the shift; more would cost memory and tell nothing new."""
 
@@ -52,13 +54,16 @@ class TimePairing:
     """One hypothesis: ``index`` ``(f,)`` of each frame's message, -1 for none.
 
     ``shift_s`` (at the first frame) is what is added to the frames' own times, ``drift`` by how
-    much that grows per second, ``residual_s`` the deviation that is left.
+    much that grows per second, ``residual_s`` what is left, ``deviation_s`` what may be, and
+    ``lost`` how many frames, and messages between them, have no partner.
     """
 
     index: IntArray
     shift_s: float
     drift: float
     residual_s: float
+    deviation_s: float = math.inf
+    lost: int = 0
     log_likelihood: float = -math.inf
 
 
@@ -77,18 +82,22 @@ def pair_by_time(stated_s: FloatArray, message_s: FloatArray) -> list[TimePairin
         for shift_s in _hypotheses_s(stated_s[known], message_s, within.tolerance_s)
     ]
     deviation_s = _deviation_s(fitted, within.is_whole)
-    scored = [
-        replace(one, log_likelihood=_log_likelihood(one, stated_s, message_s, deviation_s))
-        for one in fitted
-    ]
+    scored = [_scored(one, stated_s, message_s, deviation_s) for one in fitted]
     return _contradicting(sorted(scored, key=lambda one: -one.log_likelihood))
 
 
-def lead_nats(hypotheses: Sequence[TimePairing]) -> float:
-    """Return by how much the first is likelier than all that contradict it, together."""
-    rivals = np.array([one.log_likelihood for one in hypotheses[1:]])
-    together = np.logaddexp.reduce(rivals) if len(rivals) else -math.inf
-    return hypotheses[0].log_likelihood - float(together)
+def is_refuted(rival: TimePairing, best: TimePairing) -> bool:
+    """Tell whether a pairing is much worse than the best: in what it leaves unpaired, or in time.
+
+    Exposures at a steady pace, of which some are lost, meet nearly as well under any shift by whole
+    intervals, and by chance better: only a difference beyond that counts.
+    """
+    lost = rival.lost + best.lost + 1
+    if rival.lost - best.lost >= _REFUTING_DEVIATIONS * math.sqrt(lost):
+        return True
+    paired = min(int((one.index >= 0).sum()) for one in (rival, best))
+    farther = (rival.residual_s**2 - best.residual_s**2) / (2 * best.deviation_s**2)
+    return paired * farther >= _REFUTING_NATS + math.sqrt(paired)
 
 
 def contradict(one: IntArray, other: IntArray) -> bool:
@@ -97,9 +106,9 @@ def contradict(one: IntArray, other: IntArray) -> bool:
 
 
 def _nearest(moved_s: FloatArray, message_s: FloatArray, within: "_Closeness") -> IntArray:
-    """Return for each time the nearest message ``(f,)`` if no other is nearly as near, else -1.
+    """Return for each time the nearest message ``(f,)``, -1 where that is not clear.
 
-    Each message is used once.
+    No other message may be nearly as near, nor another frame to that message.
     """
     around = np.searchsorted(message_s, moved_s)[None] + np.arange(-2, 2)[:, None]
     is_there = (around >= 0) & (around < len(message_s))
@@ -109,12 +118,15 @@ def _nearest(moved_s: FloatArray, message_s: FloatArray, within: "_Closeness") -
     index = np.take_along_axis(around, order, 0)[0]
     first_s, second_s = np.take_along_axis(apart_s, order, 0)[:2]
     is_clear = (first_s <= within.tolerance_s) & ~(second_s - first_s < within.clearance_s)
+    rows = np.flatnonzero(is_clear)
+    rows = rows[np.lexsort((first_s[rows], index[rows]))]
+    claimed, start, claims = np.unique(index[rows], return_index=True, return_counts=True)
+    closest = rows[start]
+    contested = claims > 1
+    rival_s = first_s[rows[np.minimum(start + 1, len(rows) - 1)]] if len(rows) else first_s[rows]
+    is_sure = ~(contested & (rival_s - first_s[closest] < within.clearance_s))
     matched = np.full(len(moved_s), -1, dtype=np.int64)
-    taken: set[int] = set()
-    for row in np.argsort(first_s, kind="stable"):
-        if is_clear[row] and int(index[row]) not in taken:
-            taken.add(int(index[row]))
-            matched[row] = index[row]
+    matched[closest[is_sure]] = claimed[is_sure]
     return matched
 
 
@@ -195,28 +207,23 @@ def _deviation_s(fitted: list[TimePairing], is_whole: bool) -> float:
     return max(min(residuals_s), _LEAST_DEVIATION_S)
 
 
-def _log_likelihood(
+def _scored(
     one: TimePairing, stated_s: FloatArray, message_s: FloatArray, deviation_s: float
-) -> float:
-    """Return how likely a pairing is, against frames and messages that have nothing in common."""
+) -> TimePairing:
+    """Return a pairing with its log-likelihood, against items that have nothing in common."""
     paired = one.index >= 0
-    first_s = float(np.nanmin(stated_s))
-    moved_s = stated_s + one.shift_s + one.drift * (stated_s - first_s)
+    moved_s = stated_s + one.shift_s + one.drift * (stated_s - float(np.nanmin(stated_s)))
     left_s = message_s[one.index[paired]] - moved_s[paired]
     interval_s = float(np.median(np.diff(message_s))) if len(message_s) > 1 else _DAY_S
-    closeness = -0.5 * (left_s / deviation_s) ** 2
+    closeness = -0.5 * float(((left_s / deviation_s) ** 2).sum())
     gain = math.log(interval_s / (deviation_s * math.sqrt(2 * math.pi)))
-    between = (message_s >= np.nanmin(moved_s) - deviation_s) & (
-        message_s <= np.nanmax(moved_s) + deviation_s
-    )
-    lost_messages = int(between.sum()) - int(between[one.index[paired]].sum())
-    lost_frames = int(np.isfinite(stated_s).sum() - paired.sum())
-    return (
-        float(closeness.sum())
-        + gain * int(paired.sum())
-        + _LOST_NATS * (lost_messages + lost_frames)
-        + _log_prior(one.shift_s)
-    )
+    first_s, last_s = np.nanmin(moved_s) - deviation_s, np.nanmax(moved_s) + deviation_s
+    between = (message_s >= first_s) & (message_s <= last_s)
+    lost = int(between.sum() - between[one.index[paired]].sum())
+    lost += int(np.isfinite(stated_s).sum() - paired.sum())
+    likelihood = closeness + gain * int(paired.sum()) + _LOST_NATS * lost
+    likelihood += _log_prior(one.shift_s)
+    return replace(one, deviation_s=deviation_s, lost=lost, log_likelihood=likelihood)
 
 
 def _log_prior(shift_s: float) -> float:

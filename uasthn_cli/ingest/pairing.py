@@ -4,7 +4,6 @@ In order: the names that the camera gave its files; the frames' own times; the c
 their order. What the evidence does not settle is refused, never guessed.
 """
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,18 +13,13 @@ from typing import Any
 import numpy as np
 
 from uasthn_cli.config import PairBy
-from uasthn_cli.ingest.interval_pairing import TimePairing, lead_nats, pair_by_time
+from uasthn_cli.ingest.interval_pairing import TimePairing, is_refuted, pair_by_time
 from uasthn_cli.ingest.telemetry import CameraEvents, IntArray
 from uasthn_cli.ingest.timestamps import duration_words
 from uasthn_cli.types import FloatArray, FrameFile
 
 LEAST_SHARE = 0.5
 """Messages that meet fewer of the frames are another camera's, or of another flight."""
-
-_CLEAR_NATS, _CLEAR_NATS_PER_ROOT = 7.0, 1.0
-"""By so much the likeliest pairing exceeds all others: a thousand to one, and by more the more
-frames there are, as steady exposures of which some are lost agree by chance. Chosen on 600 cases of
-``benchmarks/pairing.py`` (seed 0)."""
 
 _LARGEST_SHIFT_S = 86_400.0
 _COUNTS_ON = 20
@@ -124,7 +118,7 @@ def _by_time(stated_s: FloatArray, message_s: FloatArray, is_forced: bool) -> Pa
         return None
     best = hypotheses[0]
     if not is_forced:
-        _require_clear(hypotheses)
+        _require_clear(hypotheses, len(message_s))
         _require_near(best)
         _require_most(best)
     drift_ppm, residual_s = 1e6 * best.drift, best.residual_s
@@ -135,19 +129,24 @@ def _by_time(stated_s: FloatArray, message_s: FloatArray, is_forced: bool) -> Pa
     return Pairing(best.index, PairBy.TIME, why, best.shift_s, best.drift, residual_s)
 
 
-def _require_clear(hypotheses: Sequence[TimePairing]) -> None:
-    """Refuse a pairing that is not much likelier than chance, and than those that contradict it."""
-    best = hypotheses[0]
-    paired = int((best.index >= 0).sum())
-    needed_nats = _CLEAR_NATS + _CLEAR_NATS_PER_ROOT * math.sqrt(paired)
+def _require_clear(hypotheses: Sequence[TimePairing], messages: int) -> None:
+    """Refuse a pairing that is no likelier than chance, or not clearly better than another.
+
+    One that leaves nothing over on either side is clear: any other needs losses at both ends of the
+    flight, and none between.
+    """
+    best, *rivals = hypotheses
+    if len(best.index) == messages == int((best.index >= 0).sum()):
+        return
     if best.log_likelihood < 0:
         raise UnpairedError(f"their times meet no better than by chance if {_clock(best.shift_s)}")
-    if lead_nats(hypotheses) < needed_nats:
-        rival = hypotheses[1]
-        raise UnpairedError(
-            f"{paired} frames meet a message if {_clock(best.shift_s)},"
-            f" {int((rival.index >= 0).sum())} if {_clock(rival.shift_s)}: either may be right"
-        )
+    for rival in rivals:
+        if not is_refuted(rival, best):
+            counts = [int((one.index >= 0).sum()) for one in (best, rival)]
+            raise UnpairedError(
+                f"{counts[0]} frames meet a message if {_clock(best.shift_s)}, {counts[1]} if"
+                f" {_clock(rival.shift_s)}: either may be right"
+            )
 
 
 def _require_near(best: TimePairing) -> None:
