@@ -165,3 +165,29 @@ def test_messages_that_meet_few_frames_are_refused_and_a_few_are_left_alone() ->
 def test_names_that_are_asked_for_must_be_there() -> None:
     with pytest.raises(UnpairedError, match="no message names"):
         paired(UNEVEN_S, range(COUNT), range(COUNT), UNEVEN_S, by=PairBy.NAME)
+
+
+moments = st.integers(0, 4000).map(lambda tenth: START_S + tenth / 20)
+
+
+@given(
+    times_s=st.lists(moments, max_size=12),
+    stated_s=st.lists(moments | st.just(float("nan")), min_size=1, max_size=12),
+    by=st.sampled_from(PairBy),
+)
+def test_any_times_are_paired_left_alone_or_refused(
+    times_s: list[float], stated_s: list[float], by: PairBy
+) -> None:
+    ordered_s = np.sort(np.array(times_s, dtype=np.float64))
+    events = events_at(ordered_s, range(len(ordered_s)))
+    try:
+        found = pair_frames(
+            frames_named(range(len(stated_s))), np.array(stated_s), events, ordered_s, by
+        )
+    except UnpairedError:
+        return
+    if found is not None:
+        used = found.index[found.index >= 0]
+        assert found.index.shape == (len(stated_s),)
+        assert len(np.unique(used)) == len(used)
+        assert (used < len(ordered_s)).all()

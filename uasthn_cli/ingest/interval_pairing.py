@@ -81,6 +81,9 @@ def pair_by_time(stated_s: FloatArray, message_s: FloatArray) -> list[TimePairin
         _fitted(stated_s, message_s, shift_s, within)
         for shift_s in _hypotheses_s(stated_s[known], message_s, within.tolerance_s)
     ]
+    fitted = [one for one in fitted if (one.index >= 0).any()]
+    if not fitted:
+        return []
     deviation_s = _deviation_s(fitted, within.is_whole)
     scored = [_scored(one, stated_s, message_s, deviation_s) for one in fitted]
     return _contradicting(sorted(scored, key=lambda one: -one.log_likelihood))
@@ -117,8 +120,8 @@ def _nearest(moved_s: FloatArray, message_s: FloatArray, within: "_Closeness") -
     order = np.argsort(apart_s, axis=0)
     index = np.take_along_axis(around, order, 0)[0]
     first_s, second_s = np.take_along_axis(apart_s, order, 0)[:2]
-    is_clear = (first_s <= within.tolerance_s) & ~(second_s - first_s < within.clearance_s)
-    rows = np.flatnonzero(is_clear)
+    rows = np.flatnonzero(first_s <= within.tolerance_s)
+    rows = rows[second_s[rows] - first_s[rows] >= within.clearance_s]
     rows = rows[np.lexsort((first_s[rows], index[rows]))]
     claimed, start, claims = np.unique(index[rows], return_index=True, return_counts=True)
     closest = rows[start]
@@ -215,6 +218,7 @@ def _scored(
     moved_s = stated_s + one.shift_s + one.drift * (stated_s - float(np.nanmin(stated_s)))
     left_s = message_s[one.index[paired]] - moved_s[paired]
     interval_s = float(np.median(np.diff(message_s))) if len(message_s) > 1 else _DAY_S
+    interval_s = max(interval_s, deviation_s)
     closeness = -0.5 * float(((left_s / deviation_s) ** 2).sum())
     gain = math.log(interval_s / (deviation_s * math.sqrt(2 * math.pi)))
     first_s, last_s = np.nanmin(moved_s) - deviation_s, np.nanmax(moved_s) + deviation_s
