@@ -242,4 +242,4 @@ MAX_HASHED_BYTES = 512 * 2**20
 """Larger files, maps as a rule, are never read as a whole, not even to tell one from another."""
 
 MAX_TILE_BYTES = 64 * 2**20
-"""How much of the map's features a search keeps in memory, unless one frame needs more."""
+"""How much of the map's features is kept in memory of each grid, unless one frame needs more."""

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from simple_flight_log import START_UTC_S, FlightPlan, make_frame_files, write_flight
 
+from uasthn_cli.config import PairBy
 from uasthn_cli.errors import FrameTimesError
 from uasthn_cli.ingest.frame_table import read_frame_table
 from uasthn_cli.ingest.frame_times import FrameTimes, frame_times, in_zone_of_log, stated_times
@@ -134,6 +135,12 @@ def test_messages_that_fit_too_few_frames_are_left_alone(tmp_path: Path) -> None
     frames = list_frames(make_frame_files(tmp_path, TIMES_S))
     found = dated(log_with_feedback(tmp_path, TIMES_S[:3]), frames)
     assert found.source == "name"
+    assert "3 camera messages are left alone: fewer than half" in found.why
+    telemetry = log_with_feedback(tmp_path, TIMES_S)
+    clock = choose_time_base(telemetry).clock
+    asked = frame_times(frames, telemetry, clock, None, PairBy.NONE)
+    assert asked.source == "name"
+    assert "10 camera messages are left alone: as asked" in asked.why
 
 
 def test_exif_with_subseconds_and_offset(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Frames and camera messages: paired right, or refused."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -160,6 +161,17 @@ def test_messages_that_meet_few_frames_are_refused_and_a_few_are_left_alone() ->
     with pytest.raises(UnpairedError, match=r"no better than by chance|meet a message"):
         paired(UNEVEN_S[:12], range(12), range(12), stated_s)
     assert paired(UNEVEN_S[:4], range(12), range(4), stated_s) is None
+
+
+def test_a_name_that_several_frames_have_tells_nothing() -> None:
+    times_s = START_S + np.arange(2.0)
+    events = events_at(times_s, [0, 1])
+    events = replace(events, file_names=("x0.png", "x1.png"))
+    frames = frames_named(["a/x0", "b/x0", "x1"])
+    found = pair_frames(frames, np.full(3, np.nan), events, times_s)
+    assert found is not None
+    assert (found.by, found.index.tolist()) == (PairBy.NAME, [-1, -1, 1])
+    assert found.describe(["a/x0", "b/x0", "x1"])["messages_without_frame"] == 1
 
 
 def test_names_that_are_asked_for_must_be_there() -> None:

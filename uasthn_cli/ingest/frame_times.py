@@ -48,7 +48,6 @@ class FrameTimes:
     why: str
     is_local: bool = False
     pairing: Pairing | None = None
-    messages: int = 0
 
     @property
     def known_s(self) -> list[float]:
@@ -117,7 +116,7 @@ def with_camera_messages(
         if from_log is not None:
             return from_log
     if stated is not None:
-        return stated
+        return _without_messages(stated, telemetry, pair_by)
     events = sum(len(events.stamps) for events in telemetry.camera_events)
     held = f"{events} camera messages that fit no frame" if events else "no camera message"
     raise FrameTimesError(
@@ -195,7 +194,7 @@ def _from_events(
     hints_s = np.full(len(frames), np.nan)
     if stated is not None:
         hints_s = np.array([np.nan if t is None else t for t in stated.times_s])
-    found: list[FrameTimes] = []
+    found: list[tuple[int, FrameTimes]] = []
     refused: list[str] = []
     for events in telemetry.camera_events:
         event_s = event_times_s(events, clock)
@@ -204,17 +203,10 @@ def _from_events(
         except UnpairedError as error:
             refused.append(f"{len(events.stamps)} {events.message}: {error}")
             continue
-        if pairing is None or (pairing.index >= 0).sum() < LEAST_SHARE * len(frames):
-            _log.warning(
-                "the log's %d %s messages are left alone: they are those of fewer than half of"
-                " the frames",
-                len(events.stamps),
-                events.message,
-            )
-            continue
-        found.append(_dated_by_events(events, event_s, hints_s, pairing))
+        if pairing is not None and pairing.paired >= LEAST_SHARE * len(frames):
+            found.append((pairing.paired, _dated_by_events(events, event_s, hints_s, pairing)))
     if found:
-        return max(found, key=_paired)
+        return max(found, key=lambda entry: entry[0])[1]
     if refused:
         raise FrameTimesError(
             f"frames and the log's camera messages cannot be paired ({'; '.join(refused)}); say"
@@ -224,8 +216,17 @@ def _from_events(
     return None
 
 
-def _paired(times: FrameTimes) -> int:
-    return 0 if times.pairing is None else int((times.pairing.index >= 0).sum())
+def _without_messages(stated: FrameTimes, telemetry: Telemetry, pair_by: PairBy) -> FrameTimes:
+    """Return the frames' own times, and why camera messages are not used where there are any."""
+    messages = sum(len(events.stamps) for events in telemetry.camera_events)
+    if not messages:
+        return stated
+    asked = pair_by is PairBy.NONE
+    reason = "as asked" if asked else "fewer than half of the frames have one"
+    why = f"{stated.why}; the log's {messages} camera messages are left alone: {reason}"
+    if not asked:
+        _log.warning("frame times: %s", why)
+    return replace(stated, why=why)
 
 
 def _dated_by_events(
@@ -243,15 +244,14 @@ def _dated_by_events(
         if pairing.shift_s is not None and pairing.drift is not None:
             own_s = hints_s + pairing.shift_s + pairing.drift * (hints_s - np.nanmin(hints_s))
         times_s = np.where(paired, times_s, own_s)
-    carried = int(np.isfinite(times_s).sum() - paired.sum())
+    carried = int(np.isfinite(times_s).sum()) - pairing.paired
     rest = f", {carried} more by their own clock set by these" if carried else ""
-    unused = len(events.stamps) - len(np.unique(pairing.index[paired]))
+    unused = pairing.messages - pairing.paired
     return FrameTimes(
         times_s=tuple(float(t) if np.isfinite(t) else None for t in times_s),
         source=events.message.lower(),
-        why=f"times of {int(paired.sum())} of {len(times_s)} frames from the log's"
-        f" {len(events.stamps)} {events.message} messages, paired {pairing.why}{rest};"
+        why=f"times of {pairing.paired} of {len(times_s)} frames from the log's"
+        f" {pairing.messages} {events.message} messages, paired {pairing.why}{rest};"
         f" {unused} of these messages have no frame",
         pairing=pairing,
-        messages=len(events.stamps),
     )

@@ -3,7 +3,7 @@
 Both sides may lack items. Every shift under which many frames meet a message is a hypothesis; its
 log-likelihood counts how closely frames meet their messages against chance, what is unpaired on
 either side, and that clocks are rather right, or wrong by a time zone, than wrong by anything else.
-Exposures at a steady pace fit under many shifts: then none is much likelier than the next.
+Exposures at a steady pace fit under many shifts, and then no other hypothesis is refuted.
 """
 
 import math
@@ -34,6 +34,9 @@ _VOTERS = 500
 _HYPOTHESES = 60
 _LEAST_VOTES = 0.5
 """Share of the most votes below which a shift is no hypothesis."""
+
+_MANY = 0.8
+"""Share of the most frames paired at which a fit tells how closely they may meet."""
 
 _FITS = 5
 _LEAST_FOR_DRIFT = 8
@@ -66,6 +69,11 @@ class TimePairing:
     lost: int = 0
     log_likelihood: float = -math.inf
 
+    @property
+    def paired(self) -> int:
+        """How many frames have a message."""
+        return int((self.index >= 0).sum())
+
 
 def pair_by_time(stated_s: FloatArray, message_s: FloatArray) -> list[TimePairing]:
     """Return hypotheses that contradict one another, the likeliest first; none if nothing meets.
@@ -81,7 +89,7 @@ def pair_by_time(stated_s: FloatArray, message_s: FloatArray) -> list[TimePairin
         _fitted(stated_s, message_s, shift_s, within)
         for shift_s in _hypotheses_s(stated_s[known], message_s, within.tolerance_s)
     ]
-    fitted = [one for one in fitted if (one.index >= 0).any()]
+    fitted = [one for one in fitted if one.paired]
     if not fitted:
         return []
     deviation_s = _deviation_s(fitted, within.is_whole)
@@ -98,7 +106,7 @@ def is_refuted(rival: TimePairing, best: TimePairing) -> bool:
     lost = rival.lost + best.lost + 1
     if rival.lost - best.lost >= _REFUTING_DEVIATIONS * math.sqrt(lost):
         return True
-    paired = min(int((one.index >= 0).sum()) for one in (rival, best))
+    paired = min(rival.paired, best.paired)
     farther = (rival.residual_s**2 - best.residual_s**2) / (2 * best.deviation_s**2)
     return paired * farther >= _REFUTING_NATS + math.sqrt(paired)
 
@@ -205,8 +213,8 @@ def _deviation_s(fitted: list[TimePairing], is_whole: bool) -> float:
     """Return how closely frames meet their messages: as in the best of the well-voted fits."""
     if is_whole:
         return _WHOLE_SECOND_DEVIATION_S
-    most = max(int((one.index >= 0).sum()) for one in fitted)
-    residuals_s = [one.residual_s for one in fitted if (one.index >= 0).sum() >= 0.8 * most]
+    most = max(one.paired for one in fitted)
+    residuals_s = [one.residual_s for one in fitted if one.paired >= _MANY * most]
     return max(min(residuals_s), _LEAST_DEVIATION_S)
 
 
@@ -224,8 +232,8 @@ def _scored(
     first_s, last_s = np.nanmin(moved_s) - deviation_s, np.nanmax(moved_s) + deviation_s
     between = (message_s >= first_s) & (message_s <= last_s)
     lost = int(between.sum() - between[one.index[paired]].sum())
-    lost += int(np.isfinite(stated_s).sum() - paired.sum())
-    likelihood = closeness + gain * int(paired.sum()) + _LOST_NATS * lost
+    lost += int(np.isfinite(stated_s).sum()) - one.paired
+    likelihood = closeness + gain * one.paired + _LOST_NATS * lost
     likelihood += _log_prior(one.shift_s)
     return replace(one, deviation_s=deviation_s, lost=lost, log_likelihood=likelihood)
 

@@ -5,8 +5,9 @@ their order. What the evidence does not settle is refused, never guessed.
 """
 
 import re
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -28,26 +29,31 @@ _COUNTS_ON = 20
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """The message of each frame ``(f,)``, -1 for none, and what says so, in words."""
+    """Which of so many ``messages`` each frame ``(f,)`` has, -1 for none, and what says so."""
 
     index: IntArray
+    messages: int
     by: PairBy
     why: str
     shift_s: float | None = None
     drift: float | None = None
     residual_s: float | None = None
 
-    def describe(self, names: Sequence[str], messages: int) -> dict[str, Any]:
+    @property
+    def paired(self) -> int:
+        """How many frames have a message."""
+        return int((self.index >= 0).sum())
+
+    def describe(self, names: Sequence[str]) -> dict[str, Any]:
         """Return what was paired, ready for ``run.json``; ``names`` ``(f,)`` are the frames'."""
-        paired = self.index >= 0
-        unpaired = [name for name, is_paired in zip(names, paired, strict=True) if not is_paired]
+        pairs = zip(names, self.index.tolist(), strict=True)
         return {
             "by": self.by.value,
             "clock_shift_s": self.shift_s,
             "clock_drift_ppm": None if self.drift is None else 1e6 * self.drift,
             "residual_s": self.residual_s,
-            "frames_without_message": unpaired,
-            "messages_without_frame": messages - int(paired.sum()),
+            "frames_without_message": [name for name, message in pairs if message < 0],
+            "messages_without_frame": self.messages - self.paired,
         }
 
 
@@ -74,7 +80,8 @@ def pair_frames(
     if by in {PairBy.AUTO, PairBy.NAME}:
         index = _by_names(frames, events.file_names)
         if (index >= 0).any():
-            return Pairing(index, PairBy.NAME, "by the names that the camera gave its files")
+            why = "by the names that the camera gave its files"
+            return Pairing(index, len(times_s), PairBy.NAME, why)
         if by is PairBy.NAME:
             raise UnpairedError("no message names a frame's file")
     if not len(kept):
@@ -83,19 +90,22 @@ def pair_frames(
     if by is PairBy.TIME or (not is_forced and np.isfinite(stated_s).any()):
         found = _by_time(stated_s, times_s[kept], is_forced)
     elif by is PairBy.ORDER:
-        found = _by_order(len(frames), kept)
+        found = _by_order(len(frames), len(kept))
     else:
         found = _by_number(frames, events.sequence[kept], is_forced)
     if found is None:
         return None
     index = np.where(found.index >= 0, kept[found.index], -1)
-    return Pairing(index, found.by, found.why, found.shift_s, found.drift, found.residual_s)
+    return replace(found, index=index, messages=len(times_s))
 
 
 def _by_names(frames: Sequence[FrameFile], file_names: Sequence[str]) -> IntArray:
+    """Return each frame's message by name; frames of one name in several folders have none."""
     index = {PurePosixPath(name).name.casefold(): k for k, name in enumerate(file_names) if name}
     names = [PurePosixPath(frame.name).name.casefold() for frame in frames]
-    return np.array([index.get(name, -1) for name in names], dtype=np.int64)
+    count = Counter(names)
+    found = [index.get(name, -1) if count[name] == 1 else -1 for name in names]
+    return np.array(found, dtype=np.int64)
 
 
 def _distinct(events: CameraEvents, times_s: FloatArray) -> IntArray:
@@ -126,7 +136,8 @@ def _by_time(stated_s: FloatArray, message_s: FloatArray, is_forced: bool) -> Pa
         f"by their own times: {_clock(best.shift_s)}, drift {drift_ppm:+.0f} ppm,"
         f" left {residual_s:.2f} s"
     )
-    return Pairing(best.index, PairBy.TIME, why, best.shift_s, best.drift, residual_s)
+    messages, shift_s, drift = len(message_s), best.shift_s, best.drift
+    return Pairing(best.index, messages, PairBy.TIME, why, shift_s, drift, residual_s)
 
 
 def _require_clear(hypotheses: Sequence[TimePairing], messages: int) -> None:
@@ -136,15 +147,14 @@ def _require_clear(hypotheses: Sequence[TimePairing], messages: int) -> None:
     flight, and none between.
     """
     best, *rivals = hypotheses
-    if len(best.index) == messages == int((best.index >= 0).sum()):
+    if len(best.index) == messages == best.paired:
         return
     if best.log_likelihood < 0:
         raise UnpairedError(f"their times meet no better than by chance if {_clock(best.shift_s)}")
     for rival in rivals:
         if not is_refuted(rival, best):
-            counts = [int((one.index >= 0).sum()) for one in (best, rival)]
             raise UnpairedError(
-                f"{counts[0]} frames meet a message if {_clock(best.shift_s)}, {counts[1]} if"
+                f"{best.paired} frames meet a message if {_clock(best.shift_s)}, {rival.paired} if"
                 f" {_clock(rival.shift_s)}: either may be right"
             )
 
@@ -158,9 +168,8 @@ def _require_near(best: TimePairing) -> None:
 
 
 def _require_most(best: TimePairing) -> None:
-    paired, frames = int((best.index >= 0).sum()), len(best.index)
-    if paired < LEAST_SHARE * frames:
-        raise UnpairedError(f"only {paired} of {frames} frames meet a message")
+    if best.paired < LEAST_SHARE * len(best.index):
+        raise UnpairedError(f"only {best.paired} of {len(best.index)} frames meet a message")
 
 
 def _clock(shift_s: float) -> str:
@@ -168,25 +177,26 @@ def _clock(shift_s: float) -> str:
     return f"the frames' clock is {abs(shift_s):.1f} s {slow}"
 
 
-def _by_order(frames: int, kept: IntArray) -> Pairing:
-    if frames != len(kept):
-        raise UnpairedError(f"there are {frames} frames and {len(kept)} messages")
-    return Pairing(np.arange(frames), PairBy.ORDER, "in their order: there are as many of either")
+def _by_order(frames: int, messages: int) -> Pairing:
+    if frames != messages:
+        raise UnpairedError(f"there are {frames} frames and {messages} messages")
+    why = "in their order: there are as many of either"
+    return Pairing(np.arange(frames), messages, PairBy.ORDER, why)
 
 
-def _by_number(frames: Sequence[FrameFile], sequence: IntArray, is_forced: bool) -> Pairing | None:
+def _by_number(frames: Sequence[FrameFile], sequence: IntArray, is_forced: bool) -> Pairing:
     """Pair by counters if they are the same one, or in order if nothing says that any is missing.
 
     Counters that start near 0 for each flight do not tell which of them begins with 0 and which
     with 1, nor whether frames were numbered anew after some were deleted.
     """
-    numbers = np.array([last_number(frame.name) for frame in frames])
+    numbers = np.array([_last_number(frame.name) for frame in frames])
     is_counted = bool(np.isfinite(numbers).all()) and len(np.unique(numbers)) == len(numbers)
     has_gaps = not _is_contiguous(np.sort(sequence)) or (
         is_counted and not _is_contiguous(np.sort(numbers))
     )
     if len(frames) == len(sequence) and not has_gaps and not is_forced:
-        return _by_order(len(frames), np.arange(len(sequence)))
+        return _by_order(len(frames), len(sequence))
     if not is_counted:
         raise UnpairedError(
             f"there are {len(frames)} frames and {len(sequence)} messages, and neither times nor"
@@ -194,16 +204,16 @@ def _by_number(frames: Sequence[FrameFile], sequence: IntArray, is_forced: bool)
         )
     if is_forced:
         return _shifted_number(numbers, sequence)
-    index = _same_number(numbers, sequence)
-    if min(float(numbers.min()), float(sequence.min())) < _COUNTS_ON or (
-        index >= 0
-    ).sum() < LEAST_SHARE * len(frames):
+    why = "by their numbers, which are those of the messages"
+    found = Pairing(_same_number(numbers, sequence), len(sequence), PairBy.NUMBER, why)
+    is_new = min(float(numbers.min()), float(sequence.min())) < _COUNTS_ON
+    if is_new or found.paired < LEAST_SHARE * len(frames):
         raise UnpairedError(
             f"{len(frames)} frames numbered {numbers.min():.0f} to {numbers.max():.0f} and"
             f" {len(sequence)} messages numbered {sequence.min()} to {sequence.max()}: which are"
             " missing cannot be told"
         )
-    return Pairing(index, PairBy.NUMBER, "by their numbers, which are those of the messages")
+    return found
 
 
 def _shifted_number(numbers: FloatArray, sequence: IntArray) -> Pairing:
@@ -212,7 +222,7 @@ def _shifted_number(numbers: FloatArray, sequence: IntArray) -> Pairing:
     found = [_same_number(numbers - shift, sequence) for shift in shifts]
     best = int(np.argmax([(index >= 0).sum() for index in found]))
     why = f"by their numbers, a frame's less {shifts[best]} being its message's"
-    return Pairing(found[best], PairBy.NUMBER, why)
+    return Pairing(found[best], len(sequence), PairBy.NUMBER, why)
 
 
 def _same_number(numbers: FloatArray, sequence: IntArray) -> IntArray:
@@ -224,7 +234,7 @@ def _is_contiguous(ordered: FloatArray | IntArray) -> bool:
     return bool((np.diff(ordered) == 1).all())
 
 
-def last_number(name: str) -> float:
+def _last_number(name: str) -> float:
     """Return the last number in a file's name, NaN if there is none."""
     found = re.findall(r"\d+", PurePosixPath(name).stem)
     return float(found[-1]) if found else float("nan")

@@ -100,11 +100,7 @@ def build_priors(
     choice = choose_time_base(telemetry, config.time_base, hints)
     times = with_camera_messages(frames, telemetry, choice.clock, stated, config.pair_by)
     _log.info("frame times: %s", times.why)
-    tracks = _tracks(telemetry, choice.clock)
-    results = [
-        _result(frame, time_s, tracks, config)
-        for frame, time_s in zip(frames, times.times_s, strict=True)
-    ]
+    results = look_up(telemetry, frames, choice.clock, times, config)
     gimbal = telemetry.gimbal
     return PriorSet(
         results=results,
@@ -113,6 +109,21 @@ def build_priors(
         height_source=_commonest([r.height_source for r in results if isinstance(r, Prior)]),
         attitude_source="attitude" if gimbal is None else gimbal.message.lower(),
     )
+
+
+def look_up(
+    telemetry: Telemetry,
+    frames: Sequence[FrameFile],
+    clock: Clock,
+    times: FrameTimes,
+    config: PriorConfig,
+) -> list[Prior | FrameFailure]:
+    """Return what the log says of frames whose times are known, ``config.time_offset_s`` later."""
+    tracks = _tracks(telemetry, clock)
+    return [
+        _result(frame, time_s, tracks, config)
+        for frame, time_s in zip(frames, times.times_s, strict=True)
+    ]
 
 
 def _tracks(telemetry: Telemetry, clock: Clock) -> _Tracks:

@@ -11,11 +11,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from uasthn_cli.config import UeMethod
+from uasthn_cli.config import PriorConfig, UeMethod
 from uasthn_cli.errors import NoPositionError
 from uasthn_cli.ingest.frames import list_frames
 from uasthn_cli.ingest.mavlink import read_telemetry
-from uasthn_cli.ingest.priors import PriorSet, build_priors
+from uasthn_cli.ingest.priors import PriorSet, build_priors, look_up
 from uasthn_cli.ingest.telemetry import Telemetry
 from uasthn_cli.mapping.reader import native_gsd_m
 from uasthn_cli.matching.spec import WeightsUse
@@ -164,7 +164,7 @@ class Run:
                 "why": self.priors.time_base.why,
             },
             "frame_times": times.why,
-            "pairing": times.pairing and times.pairing.describe(self.names, times.messages),
+            "pairing": times.pairing and times.pairing.describe(self.names),
             "height_source": self.priors.height_source,
             "estimator": self._search_matcher.estimator.name,
             "uncertainty": self._described_uncertainty(),
@@ -215,7 +215,7 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         priors = build_priors(
             telemetry, frames, config=job.prior, frame_times_csv=job.frame_times_csv
         )
-    rebuild = partial(_rebuilt_priors, telemetry, frames, job, priors)
+    rebuild = partial(_rebuilt_priors, telemetry, frames, job.prior, priors)
     with ExitStack() as maps:
         yield _opened(job, estimator, priors, rebuild, timer, maps)
 
@@ -286,15 +286,11 @@ def _with_position(job: GeotagJob, priors: PriorSet) -> list[Prior]:
 def _rebuilt_priors(
     telemetry: Telemetry,
     frames: list[FrameFile],
-    job: GeotagJob,
+    config: PriorConfig,
     priors: PriorSet,
     added_s: float,
 ) -> dict[str, Prior]:
-    """Return priors by frame name with ``added_s`` on the frames' times, by the clock chosen."""
-    config = replace(
-        job.prior,
-        time_base=priors.time_base.base,
-        time_offset_s=job.prior.time_offset_s + added_s,
-    )
-    rebuilt = build_priors(telemetry, frames, config=config, frame_times_csv=job.frame_times_csv)
-    return {entry.frame.name: entry for entry in rebuilt.results if isinstance(entry, Prior)}
+    """Return priors by frame name with ``added_s`` on the frames' times, known as they are."""
+    later = replace(config, time_offset_s=config.time_offset_s + added_s)
+    entries = look_up(telemetry, frames, priors.time_base.clock, priors.frame_times, later)
+    return {entry.frame.name: entry for entry in entries if isinstance(entry, Prior)}
