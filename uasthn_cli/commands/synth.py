@@ -5,9 +5,11 @@ from typing import Any, Final
 
 import click
 
+from uasthn_cli.commands.aircraft_options import aircraft_options
 from uasthn_cli.commands.console import progress, say
 from uasthn_cli.commands.parameter_types import FiniteRange, StressType
 from uasthn_cli.commands.sections import SectionedCommand, section_option
+from uasthn_cli.synth.aircraft_errors import AircraftErrors
 from uasthn_cli.synth.flight_config import FlightConfig, SensorConfig, StressConfig
 from uasthn_cli.synth.kinds import Gain, LandscapeKind, Route, StressCategory
 
@@ -20,6 +22,9 @@ A flight over dunes, then geo-tag it and see how well that went:
   uasthn report out/dunes --baseline prior
 A map in degrees, 16-bit radiometric frames and camera messages in the log:
   uasthn synth flights/degrees --crs EPSG:4326 --gain radiometric --camera-messages
+What a real aircraft has: a mount a little off, hills, a lens, a clock, lost frames:
+  uasthn synth flights/real --mount-roll 1 --mount-pitch -2 --attitude-drift-deg 1 \\
+      --relief-m 60 --lens-k1 -0.12 --clock-late-s 0.4 --lose-frames 0.1
 A flight that should be rejected, for a third of the map is out of date:
   uasthn synth flights/outdated --stress outdated=0.33
 """
@@ -166,6 +171,7 @@ output_option = section_option("Output")
     help="The most that the logged height is off, throughout.",
 )
 @log_option("--camera-messages", is_flag=True, help="Log a CAMERA_FEEDBACK at every exposure.")
+@aircraft_options
 @stress_option(
     "--stress",
     type=StressType(),
@@ -184,12 +190,14 @@ def synth(
     gain: str,
     stress: tuple[StressCategory, float] | None,
     overwrite: bool,
+    errors: AircraftErrors,
     **settings: Any,
 ) -> None:
     """Render a flight by night over a made-up place, with its truth.
 
     OUT becomes a folder with map.tif (the place by day from space), frames/ (the thermal frames),
-    flight.tlog (MAVLink 2, with a GPS that drifts) and truth.csv (where each frame really was).
+    flight.tlog (MAVLink 2, with a GPS that drifts) and truth.csv (where each frame really was);
+    with --relief-m also dem.tif (heights above sea level).
     Fields are re-cropped, vehicles and a few buildings and tracks come and go between map and
     flight. The same options give the same bytes.
     """
@@ -203,6 +211,7 @@ def synth(
         frame_width_px=frame_size_px[0],
         frame_height_px=frame_size_px[1],
         sensor=SensorConfig(gain=Gain(gain), pattern_seed=seed),
+        errors=errors,
         **settings,  # the other options bear the names of its fields
     )
     with progress("Rendering", config.frames) as advance:

@@ -8,7 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from uasthn_cli.errors import SyntheticFlightError
+from uasthn_cli.synth.aircraft_errors import AircraftErrors
 from uasthn_cli.synth.kinds import Gain, LandscapeKind, Route, StressCategory
+
+_MOST_RELIEF_PER_HEIGHT = 0.75
+"""The ground may lie on one side of its mean: a quarter of the height stays clear at least."""
+
+_LENS_CLEARANCE = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +46,8 @@ class FlightConfig:
     ``overlap`` is the share of a frame that the next one (and the next lane's) sees again;
     ``drift_m`` the farthest that the logged position strays, ``yaw_bias_deg`` and ``height_bias``
     the most its heading and height are off. ``map_crs`` is a CRS such as ``EPSG:4326`` (None: the
-    place's UTM zone); ``jpeg_map`` compresses the map with loss.
+    place's UTM zone); ``jpeg_map`` compresses the map with loss. With relief, ``height_m`` is the
+    height above the mean ground.
     """
 
     seed: int = 1
@@ -66,6 +73,7 @@ class FlightConfig:
     camera_messages: bool = False
     start_utc_s: float = 1_763_800_000.0
     sensor: SensorConfig = field(default_factory=SensorConfig)
+    errors: AircraftErrors = field(default_factory=AircraftErrors)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be flown.
@@ -89,6 +97,13 @@ class FlightConfig:
             f"drift {self.drift_m} m: at least 0": self.drift_m >= 0,
             f"place {self.lat_deg}, {self.lon_deg}: latitude within ±80": abs(self.lat_deg) <= 80
             and abs(self.lon_deg) <= 180,
+            f"relief of {self.errors.relief_m:g} m under {self.height_m:g} m of height: no more"
+            f" than {_MOST_RELIEF_PER_HEIGHT:g} of it": self.errors.relief_m
+            <= _MOST_RELIEF_PER_HEIGHT * self.height_m,
+            f"lens k1 {self.errors.lens_k1:g}: no ray arrives at the corners of frames"
+            " so wide": self._corner_focals < _LENS_CLEARANCE * self.errors.lens_folds_at(),
+            "lost camera messages but none written: set camera_messages": self.camera_messages
+            or not self.errors.lose_messages,
         }
         for message, holds in checks.items():
             if not holds:
@@ -108,10 +123,19 @@ class FlightConfig:
     @property
     def crs(self) -> str:
         """The map's CRS: the one given, or the UTM zone of the place."""
-        if self.map_crs is not None:
-            return self.map_crs
+        return self.utm_crs if self.map_crs is None else self.map_crs
+
+    @property
+    def utm_crs(self) -> str:
+        """The UTM zone of the place."""
         zone = min(60, int((self.lon_deg + 180.0) // 6.0) + 1)
         return f"EPSG:{(32600 if self.lat_deg >= 0.0 else 32700) + zone}"
+
+    @property
+    def _corner_focals(self) -> float:
+        """Distance of a frame's corner from its centre in focal lengths."""
+        half_width = math.tan(math.radians(self.hfov_deg) / 2.0)
+        return half_width * math.hypot(1.0, self.frame_height_px / self.frame_width_px)
 
 
 @dataclass(frozen=True, slots=True)

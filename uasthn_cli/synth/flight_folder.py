@@ -12,19 +12,30 @@ from uasthn_cli.errors import OutputError
 
 @dataclass(frozen=True, slots=True)
 class RenderedFlight:
-    """Where a flight's files lie."""
+    """Where a flight's files lie; ``dem`` is None where the ground is flat."""
 
     map: Path
     frames: Path
     log: Path
     truth: Path
+    dem: Path | None = None
 
 
 def flight_in(folder: Path) -> RenderedFlight:
     """Return where the parts of a flight in ``folder`` are, or will be."""
+    dem = dem_in(folder)
     return RenderedFlight(
-        folder / "map.tif", folder / "frames", folder / "flight.tlog", folder / "truth.csv"
+        folder / "map.tif",
+        folder / "frames",
+        folder / "flight.tlog",
+        folder / "truth.csv",
+        dem if dem.exists() else None,
     )
+
+
+def dem_in(folder: Path) -> Path:
+    """Return where the heights of the ground of a flight in ``folder`` are, if it has any."""
+    return folder / "dem.tif"
 
 
 @contextmanager

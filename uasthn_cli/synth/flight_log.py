@@ -1,17 +1,17 @@
 """The flight's telemetry log: MAVLink 2 as an ArduPilot plane would send it."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.ingest.mavlink import TlogWriter
+from uasthn_cli.synth.relief import MEAN_GROUND_AMSL_M
 from uasthn_cli.synth.trajectory import SAMPLE_INTERVAL_S, NavigationError, Trajectory
-from uasthn_cli.types import FloatArray
 
 _BOOT_BEFORE_START_S = 61.0
-_GROUND_ABOVE_SEA_M = 410.0
 _SAMPLES_PER_ATTITUDE = round(0.1 / SAMPLE_INTERVAL_S)
 _SAMPLES_PER_POSITION = round(0.2 / SAMPLE_INTERVAL_S)
 _SAMPLES_PER_SECOND = round(1.0 / SAMPLE_INTERVAL_S)
@@ -29,31 +29,37 @@ class LogBook:
         trajectory: Trajectory,
         error: NavigationError,
         start_utc_s: float,
+        take_off_m: float = 0.0,
     ) -> None:
-        """Draw the noise; positions become degrees once, for all samples."""
+        """Draw the noise; positions become degrees once, for all samples.
+
+        Relative altitudes are above the take-off point, which lies ``take_off_m`` over the mean
+        ground.
+        """
         self._start_utc_s = start_utc_s
         self._trajectory = trajectory
         shifted = np.stack(
             [trajectory.east_m + error.east_m, trajectory.north_m + error.north_m], axis=-1
         )
         self._lat_lon_deg = place.to_degrees(shifted)
-        self._height_m = trajectory.height_m * (1.0 + error.height_share)
+        self._height_m = (trajectory.height_m - take_off_m) * (1.0 + error.height_share)
+        self._take_off_amsl_m = MEAN_GROUND_AMSL_M + take_off_m
         count = len(trajectory.times_s)
         noise = _ATTITUDE_NOISE_RAD * rng.standard_normal((3, count))
-        self._roll_rad = trajectory.roll_rad + noise[0]
-        self._pitch_rad = trajectory.pitch_rad + noise[1]
-        self._yaw_rad = trajectory.yaw_rad + error.yaw_rad + noise[2]
+        self._roll_rad = trajectory.roll_rad + error.attitude_rad[0] + noise[0]
+        self._pitch_rad = trajectory.pitch_rad + error.attitude_rad[1] + noise[1]
+        self._yaw_rad = trajectory.yaw_rad + error.yaw_rad + error.attitude_rad[2] + noise[2]
         self._east_m_s = np.gradient(trajectory.east_m, SAMPLE_INTERVAL_S)
         self._north_m_s = np.gradient(trajectory.north_m, SAMPLE_INTERVAL_S)
         self._latency_s = 0.004 + 0.02 * rng.random(count)
 
-    def write(self, path: Path, feedback_s: FloatArray) -> None:
-        """Write the log, with a CAMERA_FEEDBACK for each of the times ``(n,)`` given.
+    def write(self, path: Path, feedback_s: Iterable[tuple[int, float]]) -> None:
+        """Write the log, with a CAMERA_FEEDBACK for each of the numbers and times given.
 
         Raises:
             OutputError: the file cannot be written.
         """
-        feedback = list(enumerate(feedback_s))
+        feedback = list(feedback_s)
         with TlogWriter(path) as log:
             for index, time_s in enumerate(self._trajectory.times_s):
                 record_s = self._start_utc_s + float(time_s) + float(self._latency_s[index])
@@ -109,7 +115,7 @@ class LogBook:
             time_boot_ms=_boot_ms(float(self._trajectory.times_s[index])),
             lat=round(lat_deg * 1e7),
             lon=round(lon_deg * 1e7),
-            alt=round(1000.0 * (height_m + _GROUND_ABOVE_SEA_M)),
+            alt=round(1000.0 * (height_m + self._take_off_amsl_m)),
             relative_alt=round(1000.0 * height_m),
             vx=round(100.0 * float(self._north_m_s[index])),
             vy=round(100.0 * float(self._east_m_s[index])),
@@ -129,7 +135,7 @@ class LogBook:
             fix_type=3,
             lat=round(lat_deg * 1e7),
             lon=round(lon_deg * 1e7),
-            alt=round(1000.0 * (float(self._height_m[index]) + _GROUND_ABOVE_SEA_M)),
+            alt=round(1000.0 * (float(self._height_m[index]) + self._take_off_amsl_m)),
             eph=90,
             epv=140,
             vel=round(100.0 * math.hypot(east, north)),
@@ -162,7 +168,7 @@ class LogBook:
             img_idx=sequence,
             lat=round(lat_deg * 1e7),
             lng=round(lon_deg * 1e7),
-            alt_msl=height_m + _GROUND_ABOVE_SEA_M,
+            alt_msl=height_m + self._take_off_amsl_m,
             alt_rel=height_m,
             roll=math.degrees(roll),
             pitch=math.degrees(pitch),

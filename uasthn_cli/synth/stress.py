@@ -23,7 +23,12 @@ from uasthn_cli.outputs.truth import TrueFrame, read_truth
 from uasthn_cli.synth import stress_maps
 from uasthn_cli.synth.flight import render_flight
 from uasthn_cli.synth.flight_config import FlightConfig, SensorConfig, StressConfig
-from uasthn_cli.synth.flight_folder import RenderedFlight, flight_in, staged_flight
+from uasthn_cli.synth.flight_folder import (
+    RenderedFlight,
+    dem_in,
+    flight_in,
+    staged_flight,
+)
 from uasthn_cli.synth.kinds import StressCategory
 from uasthn_cli.synth.repetition import draw_repetition
 from uasthn_cli.synth.stress_frames import (
@@ -41,6 +46,7 @@ ON_MAP_COLUMN: Final = "on_map_share"
 """Column of ``truth.csv`` after ``beyond-map``: the share of a frame's footprint on the map."""
 
 _CATEGORIES: Final = tuple(StressCategory)
+_PLANE_ONLY: Final = (StressCategory.GEOMETRY, StressCategory.SELF_SIMILAR)
 _WHOLE_MAP: Final = -1
 _PATTERN_K: Final = 1.5
 _SAMPLES: Final = 12
@@ -102,6 +108,10 @@ def render_stressed_flight(
         SyntheticFlightError: the flight cannot be rendered, or not be changed so.
         OutputError: ``out`` exists already and ``overwrite`` is false, or cannot be written.
     """
+    if stress.category in _PLANE_ONLY and (flight.errors.relief_m or flight.errors.lens_k1):
+        raise SyntheticFlightError(
+            f"stress {stress.category} needs flat ground and no lens: leave both out"
+        )
     with staged_flight(out, overwrite=overwrite) as staging, TemporaryDirectory() as scratch:
         healthy = render_flight(Path(scratch) / "healthy", flight, on_frame=on_frame)
         _write_variant(healthy, staging, stress)
@@ -114,6 +124,8 @@ def _write_variant(healthy: RenderedFlight, staging: RenderedFlight, config: Str
     for original, copy in zip(_parts(healthy), _parts(staging), strict=True):
         if original.is_file():
             shutil.copyfile(original, copy)
+    if healthy.dem is not None:
+        shutil.copyfile(healthy.dem, dem_in(staging.map.parent))
     if config.severity > 0.0:
         _CHANGES[config.category](_staged(staging, config))
 

@@ -32,7 +32,7 @@ class Aircraft:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where the camera is: metres east and north of the flight's origin, height over ground."""
+    """Where the camera is: metres east and north of the origin, height over the mean ground."""
 
     east_m: float
     north_m: float
@@ -75,10 +75,14 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class NavigationError:
-    """What the GPS/INS gets wrong: shifts in metres at the trajectory's times, and two biases."""
+    """What the GPS/INS gets wrong: shifts in metres at the trajectory's times, and two biases.
+
+    ``attitude_rad`` ``(3, n)`` is how far roll, pitch and yaw have drifted.
+    """
 
     east_m: FloatArray
     north_m: FloatArray
+    attitude_rad: FloatArray
     yaw_rad: float
     height_share: float
 
@@ -164,12 +168,13 @@ def navigation_error(
     drift_m: float,
     yaw_bias_rad: float,
     height_bias: float,
+    attitude_rad: FloatArray | None = None,
 ) -> NavigationError:
     """Draw what the GPS/INS gets wrong on a flight of ``count`` samples.
 
     The position drifts as an Ornstein-Uhlenbeck process with a memory of three minutes, its
     largest excursion being ``drift_m``; the biases are between half and all of those given, either
-    way.
+    way. The drift ``(3, count)`` of the attitude is taken as given; None is no drift.
     """
     drift = np.stack([wandering(rng, count, 180.0) for _ in range(2)])
     farthest = float(np.linalg.norm(drift, axis=0).max())
@@ -178,9 +183,21 @@ def navigation_error(
     return NavigationError(
         east_m=drift[0],
         north_m=drift[1],
+        attitude_rad=np.zeros((3, count)) if attitude_rad is None else attitude_rad,
         yaw_rad=float(signs[0]) * yaw_bias_rad,
         height_share=float(signs[1]) * height_bias,
     )
+
+
+def attitude_drift(rng: np.random.Generator, count: int, largest_rad: float) -> FloatArray:
+    """Draw how far roll, pitch and yaw ``(3, count)`` drift: memory of a minute, largest as given.
+
+    Each of the three reaches ``largest_rad`` once, to one side or the other.
+    """
+    drift = np.stack([wandering(rng, count, 60.0) for _ in range(3)])
+    farthest = np.abs(drift).max(axis=1, keepdims=True)
+    scaled: FloatArray = drift * (largest_rad / (farthest + 1e-9))
+    return scaled
 
 
 def wandering(rng: np.random.Generator, count: int, memory_s: float) -> FloatArray:
