@@ -49,7 +49,37 @@ def test_an_impossible_flight_ends_with_its_exit_code(
     assert message.startswith("uasthn: error: cannot write a map in EPSG:1")
 
 
-@pytest.mark.parametrize("wrong", [("--kind", "moon"), ("--overlap", "1.5"), ("--frames", "0")])
+def test_errors_of_the_aircraft_reach_the_flight(tmp_path: Path) -> None:
+    out = tmp_path / "flight"
+    aircraft = ("--mount-pitch", "-2", "--relief-m", "15", "--lose-frames", "0.5", "--renumber")
+    result = run(out, *SMALL, *aircraft)
+    assert result.exit_code == 0
+    assert (out / "dem.tif").is_file()
+    assert [path.name for path in (out / "frames").iterdir()] == ["frame_0001.png"]
+    assert "alt_amsl_m,roll_deg,pitch_deg,yaw_deg\n" in (out / "truth.csv").read_text()
+
+
+def test_contradicting_errors_end_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["synth", str(tmp_path / "flight"), *SMALL, "--lose-messages", "0.1"])
+    assert ended.value.code == SyntheticFlightError.exit_code
+    assert "--camera-messages" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ("--kind", "moon"),
+        ("--overlap", "1.5"),
+        ("--frames", "0"),
+        ("--mount-roll", "31"),
+        ("--lens-k1", "nan"),
+        ("--relief-m", "-1"),
+    ],
+)
 def test_wrong_values_are_refused_before_rendering(wrong: tuple[str, str], tmp_path: Path) -> None:
     result = run(tmp_path / "flight", *wrong)
     assert result.exit_code == 2

@@ -102,7 +102,7 @@ class FlightConfig:
             <= _MOST_RELIEF_PER_HEIGHT * self.height_m,
             f"lens k1 {self.errors.lens_k1:g}: no ray arrives at the corners of frames"
             " so wide": self._corner_focals < _LENS_CLEARANCE * self.errors.lens_folds_at(),
-            "lost camera messages but none written: set camera_messages": self.camera_messages
+            "camera messages lost but none written: add --camera-messages": self.camera_messages
             or not self.errors.lose_messages,
         }
         for message, holds in checks.items():

@@ -71,10 +71,10 @@ def draw_relief(rng: np.random.Generator, ground: Ground, relief_m: float) -> Re
         finest_m=_SHORTEST_WAVE_M / 2.0,
     )
     field = smooth(field, _ROUNDING_M / DEM_GSD_M)
-    inside = math.floor(margin_m / DEM_GSD_M)
-    heights = field.astype(np.float64)
-    core = heights[inside:-inside, inside:-inside]
-    heights = (heights - core.mean()) * (relief_m / (core.max() - core.min()))
+    west_m, north_m = ground.west_m - margin_m, ground.north_m + margin_m
+    raw = Relief(west_m, north_m, field.astype(np.float64))
+    inside = raw.at(_all_over(ground))
+    heights = (raw.heights_m - inside.mean()) * (relief_m / np.ptp(inside))
     steepest = max(float(np.abs(np.diff(heights, axis=axis)).max()) for axis in (0, 1)) / DEM_GSD_M
     if steepest > _STEEPEST:
         raise SyntheticFlightError(
@@ -82,7 +82,16 @@ def draw_relief(rng: np.random.Generator, ground: Ground, relief_m: float) -> Re
             f" km has slopes of {math.degrees(math.atan(steepest)):.0f}°: take less relief or more"
             " frames"
         )
-    return Relief(ground.west_m - margin_m, ground.north_m + margin_m, heights)
+    return Relief(west_m, north_m, heights)
+
+
+def _all_over(ground: Ground) -> FloatArray:
+    """Return points ``(h, w, 2)`` in local metres all over a ground, half a DEM pixel apart."""
+    edge_m = ground.edge_m(2).reshape(-1, 2)
+    (west, south), (east, north) = edge_m.min(axis=0), edge_m.max(axis=0)
+    columns, rows = (math.ceil(2.0 * side / DEM_GSD_M) + 1 for side in (east - west, north - south))
+    x, y = np.meshgrid(np.linspace(west, east, columns), np.linspace(north, south, rows))
+    return np.stack([x, y], axis=-1)
 
 
 def write_dem(path: Path, relief: Relief, ground: Ground, crs: str) -> None:
