@@ -53,10 +53,14 @@ def test_a_frame_is_a_point_and_a_polygon_in_lon_lat_order() -> None:
         "reason": None,
         "u_m": 4.5,
         "ce90_m": 7.125,
+        "camera_ce90_m": 10.065,
         "risk": 0.0123,
         "offset_m": 75.25,
+        "roll_deg": 0.573,
+        "pitch_deg": -1.146,
         "yaw_deg": 85.944,
-        "agl_m": 267.73,
+        "agl_m": 270.25,
+        "alt_amsl_m": 317.625,
         "source": "fix",
     }
 

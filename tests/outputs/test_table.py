@@ -27,11 +27,15 @@ from uasthn_cli.types import FrameResult, Reason
 REQUIRED_START = (
     "frame,time_utc,lat,lon,center_lat,center_lon,accepted,reason,u_m,offset_m,"
     "tl_lat,tl_lon,tr_lat,tr_lon,bl_lat,bl_lon,br_lat,br_lon,"
-    "prior_lat,prior_lon,agl_m,yaw_deg,gsd_m,source,"
+    "prior_lat,prior_lon,agl_m,alt_amsl_m,roll_deg,pitch_deg,yaw_deg,gsd_m,source,"
     "u_tl_x_m,u_tl_y_m,u_tr_x_m,u_tr_y_m,u_bl_x_m,u_bl_y_m,u_br_x_m,u_br_y_m"
 )
 
-TRUST = "ce90_m,risk,cov_xx_m2,cov_xy_m2,cov_yy_m2,confidence,entropy,sigma_m,agreement_m,support"
+TRUST = (
+    "ce90_m,risk,cov_xx_m2,cov_xy_m2,cov_yy_m2,"
+    "camera_ce90_m,camera_cov_xx_m2,camera_cov_xy_m2,camera_cov_yy_m2,"
+    "confidence,entropy,sigma_m,agreement_m,support"
+)
 SINGLE = (
     "single_accepted,single_reason,single_lat,single_lon,single_center_lat,single_center_lon,"
     "single_u_m,single_offset_m,single_tl_lat,single_tl_lon,single_tr_lat,single_tr_lon,"
@@ -86,12 +90,20 @@ def test_an_accepted_frame_fills_all_but_reason_detail_and_what_the_flight_says(
     assert row["time_utc"] == "2025-11-22T08:26:42.000Z"
     assert (row["lat"], row["center_lon"]) == ("24.00100000", "56.00251000")
     assert (row["accepted"], row["source"]) == ("true", "fix")
-    assert (row["u_m"], row["offset_m"], row["agl_m"]) == ("4.500", "75.250", "267.730")
-    assert (row["yaw_deg"], row["gsd_m"]) == ("85.944", "0.34568")
+    assert (row["u_m"], row["offset_m"]) == ("4.500", "75.250")
+    assert (row["agl_m"], row["alt_amsl_m"]) == ("270.250", "317.625")  # what placed the frame
+    assert (row["roll_deg"], row["pitch_deg"], row["yaw_deg"]) == ("0.573", "-1.146", "85.944")
+    assert row["gsd_m"] == "0.34568"
     assert [row[name] for name in TRUST.split(",")] == [
         *("7.125", "0.012346", "10.000", "-1.500", "12.000"),
+        *("10.065", "20.000", "-2.500", "24.000"),
         *("0.8765", "3.2500", "12.500", "", ""),
     ]
+
+
+def test_an_altitude_that_the_log_does_not_know_stays_empty() -> None:
+    row = cells(make_fix(alt_amsl_m=math.nan))
+    assert (row["alt_amsl_m"], row["agl_m"]) == ("", "270.250")
 
 
 def test_without_a_calibration_there_is_no_risk() -> None:
@@ -158,6 +170,7 @@ def test_a_failure_shows_time_and_prior_if_known() -> None:
         "prior_lat": "24.00050000",
         "prior_lon": "56.00200000",
         "agl_m": "267.730",
+        "alt_amsl_m": "317.500",
         "detail": "truncated PNG",
     }
 

@@ -16,7 +16,7 @@ from uasthn_cli.config import (
 )
 from uasthn_cli.fusion.offsets import PosteriorSummary
 from uasthn_cli.pipeline.trust_model import Agreement, TrustModel
-from uasthn_cli.types import FloatArray, OffsetLikelihood, Reason, Trust
+from uasthn_cli.types import Attitude, FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
 from uasthn_cli.uncertainty.risk_model import RiskModel, SignalTerm, Transform
 
@@ -92,6 +92,21 @@ def test_the_maps_pixels_leave_something_open_too() -> None:
     assert single(coarse).covariance_m2 == pytest.approx(np.eye(2) * expected)
 
 
+LEVEL = Attitude(0.0, 0.0, math.radians(30.0))
+
+
+def test_the_camera_has_the_error_of_the_centre_and_that_of_the_attitude() -> None:
+    centre = trust(covariance_m2=np.diag([4.0, 9.0]))
+    found = trust_model(attitude_error_deg=math.degrees(0.01)).camera(centre, LEVEL, 300.0)
+    assert found.covariance_m2 == pytest.approx(np.diag([13.0, 18.0]))
+    assert found.ce90_m == pytest.approx(math.sqrt(-2 * math.log(0.1) * 15.5))
+
+
+def test_what_a_flight_tells_of_its_attitude_takes_the_place_of_the_default() -> None:
+    told = trust_model().camera(trust(covariance_m2=np.eye(2)), LEVEL, 300.0, np.zeros((2, 2)))
+    assert told.covariance_m2 == pytest.approx(np.eye(2))
+
+
 def test_single_and_fused_answers_have_their_own_models() -> None:
     model = trust_model(calibration("u_m", "support"))
     assert single(model).risk == pytest.approx(1 / (1 + 1 / 3))  # odds of u_m: 3
@@ -118,7 +133,7 @@ def test_whatever_the_risk_most_neighbours_must_agree() -> None:
         assert model.rejection_of_fused(replace(sure, support=math.nan)) is Reason.UNSUPPORTED
 
 
-def trust(**changes: float) -> Trust:
+def trust(**changes: float | FloatArray) -> Trust:
     nothing_known = Trust(1.0, 1.0, 1.0, np.eye(2), 2.0, math.nan, math.nan, math.nan)
     return replace(nothing_known, **changes)  # type: ignore[arg-type]
 

@@ -43,6 +43,7 @@ def make_prior(name: str = "a.png", **changes: Any) -> Prior:
         height_above_ground_m=267.73,
         attitude=Attitude(roll_rad=0.01, pitch_rad=-0.02, yaw_rad=1.5),
         height_source="relative_alt",
+        alt_amsl_m=317.5,
     )
     return replace(prior, **changes)
 
@@ -74,9 +75,15 @@ def make_fix(name: str = "a.png", **changes: Any) -> Fix:
         corner_std_m=np.arange(1.0, 9.0).reshape(4, 2),
         uncertainty_m=4.5,
         offset_m=75.25,
+        roll_deg=0.573,
+        pitch_deg=-1.1459,
         yaw_deg=85.9437,
+        height_above_ground_m=270.25,
+        alt_amsl_m=317.625,
         gsd_m=0.345678,
         trust=make_trust(),
+        camera_covariance_m2=np.array([[20.0, -2.5], [-2.5, 24.0]]),
+        camera_ce90_m=10.065,
         accepted=True,
         reason=None,
     )

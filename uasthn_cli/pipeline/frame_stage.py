@@ -88,7 +88,7 @@ class FrameStage:
         likelihood: OffsetLikelihood | None,
     ) -> Fix:
         local, grid = self._matcher.local, self._matcher.grid
-        placed = self._placed(match, H_ortho_window)
+        placed = self._placed(prior, match, H_ortho_window)
         degrees = placed.in_degrees(local)
         prior_deg = np.array([prior.lat_deg, prior.lon_deg])
         offset_m = placed.camera_m - local.to_metres(prior_deg)
@@ -97,6 +97,8 @@ class FrameStage:
         trust = self._trust_model.single(
             likelihood, offset_m, uncertainty_m, match.estimate.confidence, std_m
         )
+        camera = self._trust_model.camera(trust, placed.attitude, prior.height_above_ground_m)
+        roll_deg, pitch_deg, yaw_deg = placed.angles_deg
         reason = self._reason(match, spread, uncertainty_m, trust)
         return Fix(
             prior=prior,
@@ -108,9 +110,15 @@ class FrameStage:
             corner_std_m=std_m,
             uncertainty_m=uncertainty_m,
             offset_m=float(distance_m(degrees[0], prior_deg)),
-            yaw_deg=placed.yaw_deg,
+            roll_deg=roll_deg,
+            pitch_deg=pitch_deg,
+            yaw_deg=yaw_deg,
+            height_above_ground_m=prior.height_above_ground_m,
+            alt_amsl_m=prior.alt_amsl_m,
             gsd_m=placed.gsd_m,
             trust=trust,
+            camera_covariance_m2=camera.covariance_m2,
+            camera_ce90_m=camera.ce90_m,
             accepted=reason is None,
             reason=reason,
         )
@@ -128,12 +136,13 @@ class FrameStage:
             uncertainty_m, trust, match.scene.features.box.width_px * self._matcher.grid.gsd_m
         )
 
-    def _placed(self, match: FrameMatch, H_ortho_window: FloatArray) -> Placement:
+    def _placed(self, prior: Prior, match: FrameMatch, H_ortho_window: FloatArray) -> Placement:
         scene = match.scene
         H_ortho_grid = translation(box_origin(scene.features.box)) @ H_ortho_window
         nadir_grid_px = transform_points(H_ortho_grid, scene.thermal.nadir_px[None])[0]
         H_frame_grid = H_ortho_grid @ scene.thermal.H_frame_ortho
-        return place_frame(scene.camera, H_frame_grid, nadir_grid_px, self._matcher.grid)
+        grid = self._matcher.grid
+        return place_frame(scene.camera, prior.attitude, H_frame_grid, nadir_grid_px, grid)
 
 
 def valid_fraction(features: MapFeatures, corners_px: FloatArray) -> float:

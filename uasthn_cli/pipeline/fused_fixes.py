@@ -24,7 +24,7 @@ from uasthn_cli.pipeline.flight_stage import (
     agreement_m,
     moved_prior,
 )
-from uasthn_cli.pipeline.trust_model import Agreement, TrustModel
+from uasthn_cli.pipeline.trust_model import Agreement, CameraTrust, TrustModel
 from uasthn_cli.types import (
     CameraModel,
     Fix,
@@ -106,7 +106,10 @@ def fused_results(
         uncertainty_m = frame.single.uncertainty_m if frame.single else math.nan
         trust = trust_model.fused(summary, covariances_m2[index], agreement, uncertainty_m)
         reason = _reason(frame) or trust_model.rejection_of_fused(trust)
-        answers[frame.prior.frame.name] = _fix(frame, placed, trust, reason, local)
+        camera_trust = trust_model.camera(trust, placed.attitude, posed.height_above_ground_m)
+        answers[frame.prior.frame.name] = _fix(
+            frame, posed, placed, trust, camera_trust, reason, local
+        )
     return [answers.get(_name(entry.result), entry.result) for entry in located]
 
 
@@ -166,7 +169,7 @@ def place_from_geometry(camera: CameraModel, prior: Prior, local: LocalFrame) ->
     nadir_px = position_m * (1.0, -1.0)
     flipped = np.diag([1.0, -1.0, 1.0])
     H_frame_grid = translation(nadir_px) @ flipped @ H_frame_ground
-    return place_frame(camera, H_frame_grid, nadir_px, _METRE_GRID)
+    return place_frame(camera, prior.attitude, H_frame_grid, nadir_px, _METRE_GRID)
 
 
 def _reason(frame: FlightFrame) -> Reason | None:
@@ -176,9 +179,16 @@ def _reason(frame: FlightFrame) -> Reason | None:
 
 
 def _fix(
-    frame: FlightFrame, placed: Placement, trust: Trust, reason: Reason | None, local: LocalFrame
+    frame: FlightFrame,
+    posed: Prior,
+    placed: Placement,
+    trust: Trust,
+    camera_trust: CameraTrust,
+    reason: Reason | None,
+    local: LocalFrame,
 ) -> Fix:
     degrees = placed.in_degrees(local)
+    roll_deg, pitch_deg, yaw_deg = placed.angles_deg
     prior, single = frame.prior, frame.single
     prior_deg = np.array([prior.lat_deg, prior.lon_deg])
     unknown = np.full((4, 2), np.nan)
@@ -192,9 +202,15 @@ def _fix(
         corner_std_m=single.corner_std_m if single else unknown,
         uncertainty_m=single.uncertainty_m if single else math.nan,
         offset_m=float(distance_m(degrees[0], prior_deg)),
-        yaw_deg=placed.yaw_deg,
+        roll_deg=roll_deg,
+        pitch_deg=pitch_deg,
+        yaw_deg=yaw_deg,
+        height_above_ground_m=posed.height_above_ground_m,
+        alt_amsl_m=posed.alt_amsl_m,
         gsd_m=placed.gsd_m,
         trust=trust,
+        camera_covariance_m2=camera_trust.covariance_m2,
+        camera_ce90_m=camera_trust.ce90_m,
         accepted=reason is None,
         reason=reason,
         source=Source.FUSED,

@@ -13,7 +13,8 @@ from uasthn_cli.fusion.offsets import (
     posterior_of,
     summarise_posterior,
 )
-from uasthn_cli.types import FloatArray, OffsetLikelihood, Reason, Trust
+from uasthn_cli.geometry.camera_error import camera_covariance_m2
+from uasthn_cli.types import Attitude, FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
 from uasthn_cli.uncertainty.decide import rejection_reason
 
@@ -27,6 +28,14 @@ class Agreement:
 
 
 ALONE = Agreement(math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraTrust:
+    """Covariance ``(2, 2)`` (east, north) of a camera's position, and its 90 % radius."""
+
+    covariance_m2: FloatArray
+    ce90_m: float
 
 
 class TrustModel:
@@ -83,6 +92,26 @@ class TrustModel:
             "u_m": uncertainty_m,
         }
         return self._trust(summary, covariance_m2, signals, self._fused, agreement)
+
+    def camera(
+        self,
+        centre: Trust,
+        attitude: Attitude,
+        height_m: float,
+        tilt_covariance_rad2: FloatArray | None = None,
+    ) -> CameraTrust:
+        """Return what is known of the error of the camera's position.
+
+        ``attitude`` is the camera's, the top of its image forward. ``tilt_covariance_rad2``
+        ``(2, 2)`` of roll and pitch is what the flight tells of its error; without it (None) each
+        is as uncertain as the configuration says.
+        """
+        if tilt_covariance_rad2 is None:
+            tilt_covariance_rad2 = np.eye(2) * math.radians(self._config.attitude_error_deg) ** 2
+        covariance_m2 = camera_covariance_m2(
+            centre.covariance_m2, tilt_covariance_rad2, attitude, height_m
+        )
+        return CameraTrust(covariance_m2, ce90_of(covariance_m2))
 
     def rejection_of_single(
         self, uncertainty_m: float, trust: Trust, window_m: float
