@@ -65,7 +65,7 @@ def filled(row: dict[str, str]) -> dict[str, str]:
 def test_header_without_and_with_truth_and_crs(tmp_path: Path, truth: Truth) -> None:
     assert ",".join(columns(None, None)) == f"{REQUIRED_START},{TRUST},detail"
     assert ",".join(columns(truth, "EPSG:32640")) == (
-        f"{REQUIRED_START},ce_m,mace_m,prior_ce_m,{TRUST},detail,x,y,center_x,center_y"
+        f"{REQUIRED_START},ce_m,mace_m,camera_ce_m,prior_ce_m,{TRUST},detail,x,y,center_x,center_y"
     )
     path = tmp_path / "no_camera.csv"
     path.write_text(truth_table({"frame": "a.png"}, with_camera=False))
@@ -79,8 +79,8 @@ def test_header_of_a_fused_run_has_each_frames_own_answer_too(truth: Truth) -> N
         f"{REQUIRED_START},{TRUST},{SINGLE},detail"
     )
     assert ",".join(columns(truth, "EPSG:32640", with_single=True)) == (
-        f"{REQUIRED_START},ce_m,mace_m,prior_ce_m,{TRUST},{SINGLE},single_ce_m,single_mace_m,"
-        "detail,x,y,center_x,center_y"
+        f"{REQUIRED_START},ce_m,mace_m,camera_ce_m,prior_ce_m,{TRUST},{SINGLE},"
+        "single_ce_m,single_mace_m,detail,x,y,center_x,center_y"
     )
 
 
@@ -187,6 +187,10 @@ def test_errors_against_truth(truth: Truth) -> None:
     moved = cells(make_rejected("a.png", center_lat_deg=24.00201), truth)
     assert float(moved["ce_m"]) == pytest.approx(110.76, abs=0.05)  # 0.001° of latitude at 24° N
     assert float(moved["prior_ce_m"]) == pytest.approx(75.25, abs=0.2)  # 55.4 m north, 50.9 m east
+    assert moved["camera_ce_m"] == "0.000"
+    aside = cells(make_fix("a.png", lat_deg=24.002), truth)
+    assert float(aside["camera_ce_m"]) == pytest.approx(110.76, abs=0.05)
+    assert aside["ce_m"] == "0.000"
     assert moved["mace_m"] == "0.000"
 
 

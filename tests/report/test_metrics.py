@@ -43,6 +43,14 @@ def test_errors_by_hand() -> None:
     )
 
 
+def test_camera_errors_are_told_apart_from_the_centres() -> None:
+    rows = [replace(row, camera_ce_m=row.ce_m + 10.0) for row in FIVE_ROWS]
+    found = accuracy(make_run(*rows))
+    assert (found.camera_ce_all.median_m, found.camera_ce_accepted.median_m) == (40.0, 27.0)
+    assert found.ce_all.median_m == 30.0
+    assert accuracy(make_run()).camera_ce_all == NOTHING
+
+
 @pytest.mark.parametrize(
     ("tolerance_m", "within_all", "within_accepted"),
     [(25.0, 0.2, 0.5), (30.0, 0.4, 1.0), (29.999, 0.2, 0.5), (1000.0, 0.6, 1.0), (1.0, 0.0, 0.0)],
@@ -84,6 +92,7 @@ def test_prior_on_the_same_frames_by_hand() -> None:
     found = prior_accuracy(make_run())
     assert found is not None
     assert found.ce_all.mean_m == found.ce_all.median_m == 40.0
+    assert found.camera_ce_all == found.ce_all  # the log's position is the camera's
     assert found.ce_accepted.median_m == 30.0
     assert found.within_all == 0.4  # b at 20 m; d, where the run has no estimate, at 10 m
     assert found.within_accepted == 0.5

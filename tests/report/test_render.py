@@ -128,7 +128,6 @@ def test_trust_is_shown_when_asked_for() -> None:
     assert cells["judged, beyond 25 m"] == f"{trust.beyond_tolerance} of 60"
     assert cells["AUC of risk"] == f"{trust.signals['risk'].auc:.3f}"
     assert cells["AURC by risk"] == f"{trust.signals['risk'].aurc:.3f}"
-    assert cells["CE90 coverage, all"] == f"{trust.ce90_coverage_all:.3f}"
     assert cells["calibration error of risk"] == f"{trust.expected_calibration_error:.3f}"
     assert cells["single: AUC of risk"] != cells["AUC of risk"]
     assert "AUC of agreement_m" not in cells  # no run has it
@@ -136,6 +135,19 @@ def test_trust_is_shown_when_asked_for() -> None:
     assert others["AUC of risk"] == others["single: AUC of risk"] == others["source: fix"] == "-"
     assert untrue["judged, beyond 25 m"] == untrue["AUC of risk"] == "-"
     assert "AUC of risk" not in as_dict(report_table(columns), 1)
+
+
+def test_errors_and_coverage_of_centre_and_camera_are_always_shown() -> None:
+    fused = column(make_run(*fused_rows()))
+    cells = as_dict(report_table([fused]), 1)
+    trust, accuracy = fused.trust, fused.summary.accuracy
+    assert trust is not None
+    assert accuracy is not None
+    assert cells["camera CE median, accepted [m]"] == f"{accuracy.camera_ce_accepted.median_m:.2f}"
+    assert cells["CE90 coverage, all"] == f"{trust.ce90_coverage_all:.3f}"
+    assert cells["CE90 coverage, accepted"] == f"{trust.ce90_coverage_accepted:.3f}"
+    camera = f"{trust.camera_ce90_coverage_accepted:.3f}"
+    assert cells["camera CE90 coverage, accepted"] == camera != cells["CE90 coverage, accepted"]
 
 
 def test_a_figure_of_some_answers_says_of_how_many() -> None:

@@ -153,6 +153,9 @@ def test_wilson_interval_is_that_of_scipy(share: tuple[int, int]) -> None:
 def test_radius_coverage_by_hand() -> None:
     ce_m, ce90_m = np.array([1.0, 2.0, 3.0, 4.0]), np.array([1.0, 1.0, 5.0, 5.0])
     assert radius_coverage(ce_m, ce90_m) == 0.75  # an error as large as its radius is within
+    unknown = np.array([math.nan, 9.0, math.nan, 9.0])
+    assert radius_coverage(ce_m, unknown) == 1.0  # of the two that have a radius
+    assert radius_coverage(unknown, np.full(4, math.nan)) is None
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5, 0.8, 0.9, 0.95, 0.99])

@@ -22,6 +22,7 @@ from uasthn_cli.outputs.formatting import (
 )
 from uasthn_cli.outputs.truth import (
     Truth,
+    camera_error_m,
     center_error_m,
     mean_corner_error_m,
     prior_error_m,
@@ -63,13 +64,13 @@ def columns(truth: Truth | None, crs: str | None, with_single: bool = False) -> 
     ``with_single`` adds each frame's own answer beside the flight's.
     """
     errors = ["ce_m", "mace_m"] if truth else []
-    prior_error = ["prior_ce_m"] if truth and truth.has_camera else []
+    camera_errors = ["camera_ce_m", "prior_ce_m"] if truth and truth.has_camera else []
     projected = PROJECTED_COLUMNS if crs else ()
     single = [*_SINGLE_PARTS, *errors] if with_single else []
     return [
         *LEADING_COLUMNS,
         *errors,
-        *prior_error,
+        *camera_errors,
         *TRUST_COLUMNS,
         *(SINGLE_PREFIX + name for name in single),
         "detail",
@@ -206,6 +207,7 @@ def _error_cells(result: FrameResult, truth: Truth | None) -> dict[str, str]:
     if isinstance(result, Fix):
         cells["ce_m"] = fixed(center_error_m(result, true), METRE_DECIMALS)
         cells["mace_m"] = fixed(mean_corner_error_m(result, true), METRE_DECIMALS)
+        cells["camera_ce_m"] = fixed(camera_error_m(result, true), METRE_DECIMALS)
     if result.prior is not None:
         cells["prior_ce_m"] = fixed(prior_error_m(result.prior, true), METRE_DECIMALS)
     return cells

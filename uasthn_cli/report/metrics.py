@@ -27,14 +27,17 @@ class Accuracy:
 
     ``within_all`` is the share of all frames, one without an estimate counting as not within the
     tolerance; ``within_accepted`` the share of accepted ones. Frames that have an estimate but no
-    true position (``without_truth``) have no part in any of it. What has nothing to stand on is
-    None.
+    true position (``without_truth``) have no part in any of it. ``camera_ce_all`` and
+    ``camera_ce_accepted`` are errors of the camera's position, the others' of the frame's centre
+    and corners. What has nothing to stand on is None.
     """
 
     ce_all: ErrorStatistics
     ce_accepted: ErrorStatistics
     mace_all: ErrorStatistics
     mace_accepted: ErrorStatistics
+    camera_ce_all: ErrorStatistics
+    camera_ce_accepted: ErrorStatistics
     within_all: float | None
     within_accepted: float | None
     without_truth: int
@@ -80,10 +83,11 @@ def accuracy_of(
     rows: Sequence[FrameRow],
     ce_m: FloatArray,
     mace_m: FloatArray,
+    camera_ce_m: FloatArray,
     has_answer: BoolArray,
     tolerance_m: float,
 ) -> Accuracy:
-    """Judge answers with errors ``ce_m`` and ``mace_m`` ``(n,)``, NaN where there is none.
+    """Judge answers with errors ``(n,)`` of centre, corners and camera, NaN where there is none.
 
     ``has_answer`` ``(n,)`` tells an answer that no truth judges from the absence of an answer.
     Errors are taken over the rows' own estimates, so that rivals are compared on the same frames.
@@ -96,6 +100,8 @@ def accuracy_of(
         ce_accepted=_statistics(ce_m[accepted]),
         mace_all=_statistics(mace_m[estimated]),
         mace_accepted=_statistics(mace_m[accepted]),
+        camera_ce_all=_statistics(camera_ce_m[estimated]),
+        camera_ce_accepted=_statistics(camera_ce_m[accepted]),
         within_all=_share(within[judged]),
         within_accepted=_share(within[judged & accepted]),
         without_truth=int((~judged).sum()),
@@ -110,7 +116,8 @@ def column(rows: Sequence[FrameRow], name: str) -> FloatArray:
 def _run_accuracy(run: RunResults, tolerance_m: float) -> Accuracy:
     """Judge a run's own estimates."""
     ce_m, mace_m = column(run.rows, "ce_m"), column(run.rows, "mace_m")
-    return accuracy_of(run.rows, ce_m, mace_m, _flags(run.rows, "has_estimate"), tolerance_m)
+    camera_ce_m, has_answer = column(run.rows, "camera_ce_m"), _flags(run.rows, "has_estimate")
+    return accuracy_of(run.rows, ce_m, mace_m, camera_ce_m, has_answer, tolerance_m)
 
 
 def _flags(rows: Sequence[FrameRow], name: str) -> BoolArray:

@@ -47,6 +47,7 @@ def report_table(columns: Sequence[ReportColumn], with_trust: bool = False) -> l
     for column in columns:
         header.append(column.name)
         run = dict(_run_cells(column.summary, reasons))
+        run |= dict(_coverage_cells(column.trust))
         if with_trust:
             run |= {f"source: {name}": str(n) for name, n in column.summary.sources.items()}
             run |= _trust_cells(column, signals)
@@ -121,9 +122,21 @@ def _trust_cells(column: ReportColumn, signals: Sequence[str]) -> Iterator[tuple
     for name in signals:
         yield f"AURC by {name}", _of_answers(trust.signals[name], "aurc", trust.judged)
     yield "AURC of the ideal order", _fraction(trust.ideal_aurc)
-    yield "CE90 coverage, all", _fraction(trust.ce90_coverage_all)
-    yield "CE90 coverage, accepted", _fraction(trust.ce90_coverage_accepted)
     yield "calibration error of risk", _fraction(trust.expected_calibration_error)
+
+
+def _coverage_cells(trust: TrustSummary | None) -> Iterator[tuple[str, str]]:
+    """Yield the shares of errors within their stated 90 % radius, of centre and camera."""
+    if trust is None:
+        return
+    for label, value in (
+        ("CE90 coverage, all", trust.ce90_coverage_all),
+        ("CE90 coverage, accepted", trust.ce90_coverage_accepted),
+        ("camera CE90 coverage, all", trust.camera_ce90_coverage_all),
+        ("camera CE90 coverage, accepted", trust.camera_ce90_coverage_accepted),
+    ):
+        if value is not None:
+            yield label, _fraction(value)
 
 
 def _of_answers(worth: SignalWorth, figure: str, judged: int) -> str:
@@ -135,11 +148,13 @@ def _of_answers(worth: SignalWorth, figure: str, judged: int) -> str:
 
 def _accuracy_cells(accuracy: Accuracy, tolerance_m: float) -> Iterator[tuple[str, str]]:
     """Yield labels and cells of errors against truth."""
-    for frames, mace, ce in (
-        ("all", accuracy.mace_all, accuracy.ce_all),
-        ("accepted", accuracy.mace_accepted, accuracy.ce_accepted),
+    for frames, mace, ce, camera in (
+        ("all", accuracy.mace_all, accuracy.ce_all, accuracy.camera_ce_all),
+        ("accepted", accuracy.mace_accepted, accuracy.ce_accepted, accuracy.camera_ce_accepted),
     ):
-        for measure, statistics in (("MACE", mace), ("CE", ce)):
+        for measure, statistics in (("MACE", mace), ("CE", ce), ("camera CE", camera)):
+            if measure == "camera CE" and statistics.median_m is None:
+                continue  # truth without camera positions is the ordinary case
             for name, label in _STATISTICS.items():
                 yield f"{measure} {label}, {frames} [m]", _metres(getattr(statistics, name))
     yield f"within {tolerance_m:g} m, all", _fraction(accuracy.within_all)

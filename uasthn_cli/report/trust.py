@@ -136,13 +136,15 @@ def wilson_interval(hits: int, trials: int) -> tuple[float, float]:
 def radius_coverage(ce_m: FloatArray, ce90_m: FloatArray, level: float = 0.9) -> float | None:
     """Return the share of errors ``(n,)`` within their predicted radius; None of no error.
 
+    Where error or radius is not known (NaN), an answer has no part in it.
     At another level than 0.9 the radius is that of a circular normal error with the same CE90:
     squared, it is proportional to ``-ln(1 - level)`` (Rayleigh distribution).
     """
-    if ce_m.size == 0:
+    known = np.isfinite(ce_m) & np.isfinite(ce90_m)
+    if not known.any():
         return None
     scale = math.sqrt(math.log1p(-level) / math.log1p(-0.9))
-    return float(np.mean(ce_m <= ce90_m * scale))
+    return float(np.mean(ce_m[known] <= ce90_m[known] * scale))
 
 
 def _tied_groups(uncertainty: FloatArray, wrong: BoolArray) -> tuple[IntArray, IntArray]:
