@@ -258,7 +258,8 @@ class Fix:
     ``corners_deg`` ``(4, 2)`` holds ``(lat, lon)`` of the frame's corners, ``corner_std_m``
     ``(4, 2)`` the standard deviation of each corner east-west and north-south by the run's method
     of uncertainty estimation: among views, among networks, or as the network itself has it.
-    ``single`` is the frame's own answer where this one rests on the whole flight.
+    ``detail`` says of a rejected answer in one line what was missing, and by how much. ``single``
+    is the frame's own answer where this one rests on the whole flight.
 
     ``roll_deg``, ``pitch_deg``, ``yaw_deg`` are the camera's: the attitude of a body to which a
     nadir camera is bolted with the top of its image forward. ``height_above_ground_m`` is the
@@ -287,6 +288,7 @@ class Fix:
     camera_ce90_m: float
     accepted: bool
     reason: Reason | None
+    detail: str = ""
     source: Source = Source.FIX
     single: "Fix | None" = None
 

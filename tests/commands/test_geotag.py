@@ -8,9 +8,12 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from frame_results import UNCERTAIN_DETAIL, make_failure, make_fix, make_rejected
 from small_flight import Flight
 
+from uasthn_cli.commands.geotag import say_summary
 from uasthn_cli.commands.main import main
+from uasthn_cli.types import FrameResult
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
 from uasthn_cli.uncertainty.risk_model import RiskModel, SignalTerm, Transform
 from uasthn_cli.version import code_version
@@ -83,6 +86,18 @@ def test_a_missing_calibration_is_told_unless_it_was_asked_for(
     result = CliRunner().invoke(main, flight.arguments(out, *arguments))
     assert ("judged by plain limits" in result.stderr) == is_said
     assert record(out)["calibration"] is None
+
+
+def test_reasons_are_told_with_an_example_each(capsys: pytest.CaptureFixture[str]) -> None:
+    rejected = [make_rejected("b.png"), make_rejected("c.png")]
+    results: list[FrameResult] = [make_fix(), *rejected, make_failure("d.png")]
+    say_summary(results)
+    assert capsys.readouterr().err.splitlines() == [
+        "1 of 4 frames accepted",
+        "Not accepted: 2 uncertain, 1 unreadable",
+        f"  uncertain, for example b.png: {UNCERTAIN_DETAIL}",
+        "  unreadable, for example d.png: truncated PNG",
+    ]
 
 
 def test_each_frame_alone(flight: Flight, tmp_path: Path) -> None:

@@ -99,6 +99,7 @@ def fixes(single: st.SearchStrategy[Fix | None]) -> st.SearchStrategy[Fix]:
         camera_ce90_m=FLOATS,
         accepted=st.booleans(),
         reason=REASONS,
+        detail=st.text(),
         source=st.sampled_from(Source),
         single=single,
     )

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frame_results import (
+    UNCERTAIN_DETAIL,
     make_failure,
     make_fix,
     make_fused,
@@ -148,7 +149,8 @@ def test_convention_corner_cells_follow_the_corner_order() -> None:
 
 def test_a_rejected_frame_keeps_its_estimate() -> None:
     accepted, rejected = cells(make_fix("b.png")), cells(make_rejected("b.png"))
-    assert rejected == accepted | {"accepted": "false", "reason": "uncertain"}
+    verdict = {"accepted": "false", "reason": "uncertain", "detail": UNCERTAIN_DETAIL}
+    assert rejected == accepted | verdict
 
 
 def test_a_frame_without_anything_keeps_its_row() -> None:

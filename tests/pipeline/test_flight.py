@@ -1,6 +1,7 @@
 """The whole flight settles every frame: what it knows better, and what it must leave alone."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -154,6 +155,9 @@ def test_a_frame_that_shows_nothing_has_a_place_but_is_not_accepted(
     neighbour = outcome.results[BLANK + 1]
     assert isinstance(neighbour, Fix)
     assert neighbour.reason is Reason.UNSUPPORTED, "in such noise no frame is sure alone"
+    assert re.match(r"support 0\.\d+, more than 0\.60 needed: alone it", neighbour.detail)
+    assert f"{flight.names[ASTRAY]} by" in neighbour.detail
+    assert "says nothing" in neighbour.detail  # the frame that shows nothing
     assert fix.trust.ce90_m > neighbour.trust.ce90_m
     assert error_m < fix.trust.ce90_m
 

@@ -18,6 +18,7 @@ from uasthn_cli.fusion.offsets import PosteriorSummary
 from uasthn_cli.pipeline.trust_model import Agreement, TrustModel
 from uasthn_cli.types import Attitude, FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
+from uasthn_cli.uncertainty.decide import Rejection
 from uasthn_cli.uncertainty.risk_model import RiskModel, SignalTerm, Transform
 
 STD_M = np.array([[1.0, 2.0], [1.0, 2.0], [3.0, 2.0], [3.0, 6.0]])
@@ -122,15 +123,29 @@ def test_a_calibration_without_fused_answers_judges_them_as_single() -> None:
     assert fused.risk == pytest.approx(1 / (1 + 1 / 3))
     blank = model.fused(SUMMARY, SUMMARY.covariance_m2, NEAR, math.nan)
     assert blank.risk == 1.0
-    assert model.rejection_of_fused(blank) is Reason.RISKY
+    assert reason(model.rejection_of_fused(blank)) is Reason.RISKY
 
 
 def test_whatever_the_risk_most_neighbours_must_agree() -> None:
     for model in (trust_model(), trust_model(calibration("u_m", "support"))):
         sure = trust(risk=0.0, confidence=1.0, support=MIN_SUPPORT + 0.01)
         assert model.rejection_of_fused(sure) is None
-        assert model.rejection_of_fused(replace(sure, support=MIN_SUPPORT)) is Reason.UNSUPPORTED
-        assert model.rejection_of_fused(replace(sure, support=math.nan)) is Reason.UNSUPPORTED
+        assert (
+            reason(model.rejection_of_fused(replace(sure, support=MIN_SUPPORT)))
+            is Reason.UNSUPPORTED
+        )
+        assert (
+            reason(model.rejection_of_fused(replace(sure, support=math.nan))) is Reason.UNSUPPORTED
+        )
+
+
+def reason(found: Rejection | None) -> Reason | None:
+    return found.reason if found else None
+
+
+def test_a_lack_of_support_says_how_much_there_is() -> None:
+    found = trust_model().rejection_of_fused(trust(support=0.4))
+    assert found == Rejection(Reason.UNSUPPORTED, "support 0.40, more than 0.60 needed")
 
 
 def trust(**changes: float | FloatArray) -> Trust:
@@ -142,15 +157,20 @@ def test_without_a_calibration_fused_answers_need_confidence_and_support() -> No
     model = trust_model()
     enough, little = FALLBACK_MIN_CONFIDENCE, FALLBACK_MIN_CONFIDENCE - 0.01
     assert model.rejection_of_fused(trust(confidence=enough, support=1.0)) is None
-    assert model.rejection_of_fused(trust(confidence=little, support=1.0)) is Reason.AMBIGUOUS
+    assert (
+        reason(model.rejection_of_fused(trust(confidence=little, support=1.0))) is Reason.AMBIGUOUS
+    )
 
 
 def test_the_spread_of_views_rejects_single_answers_alone() -> None:
     model = trust_model(decision=DecisionConfig(max_std_m=0.001))
-    assert model.rejection_of_single(1.0, trust(), 500.0) is Reason.UNCERTAIN
+    assert reason(model.rejection_of_single(1.0, trust(), 500.0)) is Reason.UNCERTAIN
     assert model.rejection_of_fused(trust(support=1.0)) is None
     fallback = trust_model()
-    assert fallback.rejection_of_single(FALLBACK_MAX_STD_M + 1, trust(), 500.0) is Reason.UNCERTAIN
+    assert (
+        reason(fallback.rejection_of_single(FALLBACK_MAX_STD_M + 1, trust(), 500.0))
+        is Reason.UNCERTAIN
+    )
 
 
 def test_with_a_calibration_each_kind_has_its_limit() -> None:
@@ -160,5 +180,5 @@ def test_with_a_calibration_each_kind_has_its_limit() -> None:
     model = trust_model(stricter)
     risky = trust(risk=0.2, confidence=0.0, support=1.0)
     assert model.rejection_of_single(1e3, risky, 500.0) is None
-    assert model.rejection_of_fused(risky) is Reason.RISKY
+    assert reason(model.rejection_of_fused(risky)) is Reason.RISKY
     assert model.rejection_of_fused(replace(risky, risk=0.1)) is None

@@ -7,7 +7,12 @@ from report_runs import FIVE_ROWS, fused_rows, make_run
 from uasthn_cli.report.baseline import prior_accuracy
 from uasthn_cli.report.load import RunResults, single_frame_run
 from uasthn_cli.report.metrics import summarise
-from uasthn_cli.report.render import ReportColumn, report_json, report_table
+from uasthn_cli.report.render import (
+    ReportColumn,
+    reasons_in_words,
+    report_json,
+    report_table,
+)
 from uasthn_cli.report.trust_summary import summarise_trust
 
 
@@ -67,6 +72,14 @@ def test_runs_with_and_without_truth_stand_side_by_side() -> None:
     assert labels.index("reason: uncertain") < labels.index("MACE mean, all [m]")
 
 
+def test_rows_keep_their_places_whichever_run_has_the_camera() -> None:
+    labels = [row[0] for row in report_table([column(make_run()), column(make_run(*fused_rows()))])]
+    known = [row[0] for row in report_table([column(make_run(*fused_rows()))])]
+    assert [label for label in labels if not label.startswith("reason")] == [
+        label for label in known if not label.startswith("reason")
+    ]
+
+
 def test_the_prior_stands_beside_its_run() -> None:
     rows = report_table([column(make_run(), with_prior=True), column(make_run(name="two"))])
     assert rows[0] == ["", "out/run", "prior of out/run", "two"]
@@ -82,7 +95,8 @@ def test_json_has_the_same_keys_whatever_is_known() -> None:
     assert list(full) == list(empty) == list(plain)
     assert list(full) == [
         *("run", "version", "frames", "with_estimate", "accepted", "accepted_fraction"),
-        *("reasons", "sources", "tolerance_m", "accuracy", "baseline_prior", "trust", "single"),
+        *("reasons", "examples", "sources", "tolerance_m", "accuracy", "baseline_prior", "trust"),
+        "single",
     ]
     assert list(full["trust"]) == list(empty["trust"])
     assert plain["trust"] is full["single"] is None
@@ -148,6 +162,22 @@ def test_errors_and_coverage_of_centre_and_camera_are_always_shown() -> None:
     assert cells["CE90 coverage, accepted"] == f"{trust.ce90_coverage_accepted:.3f}"
     camera = f"{trust.camera_ce90_coverage_accepted:.3f}"
     assert cells["camera CE90 coverage, accepted"] == camera != cells["CE90 coverage, accepted"]
+
+
+def test_the_commonest_reasons_are_told_with_an_example_of_what_was_missing() -> None:
+    details = {"c.png": "frame and views disagree by 12 m", "d.png": "", "e.png": "no map there"}
+    rows = [replace(row, detail=details.get(row.frame, "")) for row in FIVE_ROWS]
+    one = column(make_run(*rows))
+    assert reasons_in_words([one]) == [
+        "2 off-map, for example e.png: no map there",
+        "1 uncertain, for example c.png: frame and views disagree by 12 m",
+    ]
+    first, *_ = reasons_in_words([one, column(make_run(name="two"))])
+    assert first.startswith("out/run: 2 off-map")
+    (figures,) = json.loads(report_json([one]))
+    assert figures["examples"]["off-map"] == {"frame": "e.png", "detail": "no map there"}
+    rows = [replace(row, reason=f"r{k}", detail="why") for k, row in enumerate(FIVE_ROWS)]
+    assert len(reasons_in_words([column(make_run(*rows))])) == 3
 
 
 def test_a_figure_of_some_answers_says_of_how_many() -> None:

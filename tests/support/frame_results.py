@@ -28,6 +28,9 @@ CORNERS_DEG = np.array([[24.002, 56.001], [24.002, 56.004], [24.0, 56.001], [24.
 """A north-up footprint: top-left, top-right, bottom-left, bottom-right as ``(lat, lon)``."""
 
 
+UNCERTAIN_DETAIL = "frame and views disagree by 12.35 m, at most 10.00 m"
+
+
 def make_frame(name: str = "a.png") -> FrameFile:
     """Return a frame file that need not exist."""
     return FrameFile(name=name, path=Path("frames") / name)
@@ -92,7 +95,8 @@ def make_fix(name: str = "a.png", **changes: Any) -> Fix:
 
 def make_rejected(name: str = "b.png", **changes: Any) -> Fix:
     """Return a rejected estimate."""
-    return make_fix(name, accepted=False, reason=Reason.UNCERTAIN, **changes)
+    verdict = {"accepted": False, "reason": Reason.UNCERTAIN, "detail": UNCERTAIN_DETAIL}
+    return make_fix(name, **(verdict | changes))
 
 
 def make_failure(name: str = "c.png", **changes: Any) -> FrameFailure:

@@ -102,6 +102,7 @@ def _fix_properties(fix: Fix) -> dict[str, Any]:
     return {
         "accepted": bool(fix.accepted),
         "reason": fix.reason.value if fix.reason else None,
+        "detail": safe_text(fix.detail) or None,
         "u_m": finite_or_none(fix.uncertainty_m, METRE_DECIMALS),
         "offset_m": finite_or_none(fix.offset_m, METRE_DECIMALS),
         "roll_deg": finite_or_none(fix.roll_deg, ANGLE_DECIMALS),

@@ -142,6 +142,7 @@ def _fix_cells(fix: Fix) -> dict[str, str]:
         "center_lon": fixed(fix.center_lon_deg, DEGREE_DECIMALS),
         "accepted": "true" if fix.accepted else "false",
         "reason": fix.reason.value if fix.reason else "",
+        "detail": safe_text(fix.detail),
         "u_m": fixed(fix.uncertainty_m, METRE_DECIMALS),
         "offset_m": fixed(fix.offset_m, METRE_DECIMALS),
         "agl_m": fixed(fix.height_above_ground_m, METRE_DECIMALS),

@@ -29,7 +29,12 @@ from uasthn_cli.types import (
     Trust,
 )
 from uasthn_cli.uncertainty.consensus import spread_of_frame
-from uasthn_cli.uncertainty.decide import impossible_corners, scalar_uncertainty
+from uasthn_cli.uncertainty.decide import (
+    Rejection,
+    impossible_corners,
+    scalar_uncertainty,
+    told_apart,
+)
 from uasthn_cli.uncertainty.methods import OF_CROPS, UncertaintyChoice
 
 _MIN_VALID_FRACTION = 0.5
@@ -99,7 +104,7 @@ class FrameStage:
         )
         camera = self._trust_model.camera(trust, placed.attitude, prior.height_above_ground_m)
         roll_deg, pitch_deg, yaw_deg = placed.angles_deg
-        reason = self._reason(match, spread, uncertainty_m, trust)
+        rejection = self._rejection(match, spread, uncertainty_m, trust)
         return Fix(
             prior=prior,
             lat_deg=float(degrees[0, 0]),
@@ -119,16 +124,20 @@ class FrameStage:
             trust=trust,
             camera_covariance_m2=camera.covariance_m2,
             camera_ce90_m=camera.ce90_m,
-            accepted=reason is None,
-            reason=reason,
+            accepted=rejection is None,
+            reason=rejection.reason if rejection else None,
+            detail=rejection.detail if rejection else "",
         )
 
-    def _reason(
+    def _rejection(
         self, match: FrameMatch, spread: Spread, uncertainty_m: float, trust: Trust
-    ) -> Reason | None:
+    ) -> Rejection | None:
         """Return why an estimate is rejected; one beyond the map's edge is, whatever else."""
-        if valid_fraction(match.scene.features, spread.corners_px) < _MIN_VALID_FRACTION:
-            return Reason.OFF_MAP
+        on_map = valid_fraction(match.scene.features, spread.corners_px)
+        if on_map < _MIN_VALID_FRACTION:
+            found, least = told_apart(on_map, _MIN_VALID_FRACTION)
+            detail = f"{found} of the footprint found lie on the map, {least} needed"
+            return Rejection(Reason.OFF_MAP, detail)
         limit = self._config.decision.max_scale_error
         return impossible_corners(
             match.views_px[0], spread.corners_px, limit

@@ -16,7 +16,7 @@ from uasthn_cli.fusion.offsets import (
 from uasthn_cli.geometry.camera_error import camera_covariance_m2
 from uasthn_cli.types import Attitude, FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
-from uasthn_cli.uncertainty.decide import rejection_reason
+from uasthn_cli.uncertainty.decide import Rejection, rejection, told_apart
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,24 +115,23 @@ class TrustModel:
 
     def rejection_of_single(
         self, uncertainty_m: float, trust: Trust, window_m: float
-    ) -> Reason | None:
+    ) -> Rejection | None:
         """Return why a frame's own answer is not to be trusted, or None."""
         limit = None if self._single is None else self._single.max_risk
         config = self._config.decision
-        return rejection_reason(
-            uncertainty_m, trust.confidence, trust.risk, window_m, config, limit
-        )
+        return rejection(uncertainty_m, trust.confidence, trust.risk, window_m, config, limit)
 
-    def rejection_of_fused(self, trust: Trust) -> Reason | None:
+    def rejection_of_fused(self, trust: Trust) -> Rejection | None:
         """Return why a fused answer is not to be trusted, or None; its views' spread plays no part.
 
         Whatever the calibration says, most near frames must agree alone.
         """
         if not trust.support > MIN_SUPPORT:
-            return Reason.UNSUPPORTED
+            found, least = told_apart(trust.support, MIN_SUPPORT)
+            return Rejection(Reason.UNSUPPORTED, f"support {found}, more than {least} needed")
         config = self._config.decision
         limit = None if self._fused is None else self._fused.max_risk
-        return rejection_reason(0.0, trust.confidence, trust.risk, 0.0, config, limit)
+        return rejection(0.0, trust.confidence, trust.risk, 0.0, config, limit)
 
     def _trust(
         self,

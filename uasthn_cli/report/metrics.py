@@ -44,12 +44,20 @@ class Accuracy:
 
 
 @dataclass(frozen=True, slots=True)
+class Example:
+    """A frame that was not accepted, and in one line what was missing."""
+
+    frame: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
 class Summary:
     """One run. ``accepted_fraction`` (of all frames) is what the paper calls success rate.
 
-    ``reasons`` counts frames by the reason for which they were rejected or have no estimate;
-    ``sources`` counts estimates by where they come from; ``accuracy`` is None for a run without
-    truth.
+    ``reasons`` counts frames by the reason for which they were rejected or have no estimate, and
+    ``examples`` has the first frame of each that says more; ``sources`` counts estimates by where
+    they come from; ``accuracy`` is None for a run without truth.
     """
 
     frames: int
@@ -57,6 +65,7 @@ class Summary:
     accepted: int
     accepted_fraction: float | None
     reasons: Mapping[str, int]
+    examples: Mapping[str, Example]
     sources: Mapping[str, int]
     tolerance_m: float
     accuracy: Accuracy | None
@@ -73,10 +82,18 @@ def summarise(run: RunResults, tolerance_m: float = TOLERANCE_M) -> Summary:
         accepted=int(accepted.sum()),
         accepted_fraction=_share(accepted),
         reasons=dict(sorted(reasons.items())),
+        examples=_examples(run.rows),
         sources=dict(sorted(sources.items())),
         tolerance_m=tolerance_m,
         accuracy=_run_accuracy(run, tolerance_m) if run.has_truth else None,
     )
+
+
+def _examples(rows: Sequence[FrameRow]) -> dict[str, Example]:
+    """Return the first frame of each reason that says more than the reason."""
+    explained = [row for row in rows if row.reason and row.detail]
+    first = {row.reason: Example(row.frame, row.detail) for row in reversed(explained)}
+    return dict(sorted(first.items()))
 
 
 def accuracy_of(

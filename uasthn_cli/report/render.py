@@ -9,6 +9,9 @@ from uasthn_cli.report.metrics import Accuracy, Summary
 from uasthn_cli.report.trust_summary import SIGNALS, SignalWorth, TrustSummary
 
 _NONE = "-"
+_SHOWN_IF_KNOWN = ("camera CE", "CE90 coverage")
+"""Rows that are left out where no run has them: not every truth has camera positions."""
+_REASONS_EXPLAINED = 3
 _SINGLE = "single: "
 _STATISTICS = {"mean_m": "mean", "median_m": "median", "p90_m": "90 %"}
 
@@ -57,8 +60,31 @@ def report_table(columns: Sequence[ReportColumn], with_trust: bool = False) -> l
         if column.prior is not None:
             header.append(f"prior of {column.name}")
             cells.append(dict(_accuracy_cells(column.prior, column.summary.tolerance_m)))
-    labels = dict.fromkeys(label for run in cells for label in run)
+    known = {label for run in cells for label, cell in run.items() if cell != _NONE}
+    labels = [
+        label
+        for label in dict.fromkeys(label for run in cells for label in run)
+        if label in known or not label.startswith(_SHOWN_IF_KNOWN)
+    ]
     return [header, *([label, *(run.get(label, _NONE) for run in cells)] for label in labels)]
+
+
+def reasons_in_words(columns: Sequence[ReportColumn]) -> list[str]:
+    """Return a line per run and reason, the commonest first, with an example of what was missing.
+
+    At most ``_REASONS_EXPLAINED`` reasons of each run.
+    """
+    lines = []
+    for column in columns:
+        reasons, examples = column.summary.reasons, column.summary.examples
+        commonest = sorted(examples, key=lambda reason: -reasons[reason])
+        for reason in commonest[:_REASONS_EXPLAINED]:
+            run = f"{column.name}: " if len(columns) > 1 else ""
+            example = examples[reason]
+            lines.append(
+                f"{run}{reasons[reason]} {reason}, for example {example.frame}: {example.detail}"
+            )
+    return lines
 
 
 def _json_object(column: ReportColumn) -> dict[str, Any]:
@@ -135,8 +161,7 @@ def _coverage_cells(trust: TrustSummary | None) -> Iterator[tuple[str, str]]:
         ("camera CE90 coverage, all", trust.camera_ce90_coverage_all),
         ("camera CE90 coverage, accepted", trust.camera_ce90_coverage_accepted),
     ):
-        if value is not None:
-            yield label, _fraction(value)
+        yield label, _fraction(value)
 
 
 def _of_answers(worth: SignalWorth, figure: str, judged: int) -> str:
@@ -153,8 +178,6 @@ def _accuracy_cells(accuracy: Accuracy, tolerance_m: float) -> Iterator[tuple[st
         ("accepted", accuracy.mace_accepted, accuracy.ce_accepted, accuracy.camera_ce_accepted),
     ):
         for measure, statistics in (("MACE", mace), ("CE", ce), ("camera CE", camera)):
-            if measure == "camera CE" and statistics.median_m is None:
-                continue  # truth without camera positions is the ordinary case
             for name, label in _STATISTICS.items():
                 yield f"{measure} {label}, {frames} [m]", _metres(getattr(statistics, name))
     yield f"within {tolerance_m:g} m, all", _fraction(accuracy.within_all)

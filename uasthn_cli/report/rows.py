@@ -20,11 +20,11 @@ _EVIDENCE_OF_AN_ESTIMATE: Final = ("lat", "ce_m", "confidence")
 class FrameRow:
     """An answer to where a frame was, and what it was said to be worth; NaN where that is unknown.
 
-    ``ce_m`` and ``mace_m`` compare the estimate with truth, ``prior_ce_m`` the prior's camera
-    position with the true one, ``camera_ce_m`` the estimate's. ``risk`` is the predicted
-    probability that CE exceeds the tolerance, ``ce90_m`` the predicted 90 % radius,
-    ``camera_ce90_m`` that of the camera. ``single`` is the answer of the frame alone, where the
-    row's own is fused from several frames.
+    ``detail`` says of a rejected one what was missing. ``ce_m`` and ``mace_m`` compare the estimate
+    with truth, ``prior_ce_m`` the prior's camera position with the true one, ``camera_ce_m`` the
+    estimate's. ``risk`` is the predicted probability that CE exceeds the tolerance, ``ce90_m`` the
+    predicted 90 % radius, ``camera_ce90_m`` that of the camera. ``single`` is the answer of the
+    frame alone, where the row's own is fused from several frames.
     """
 
     frame: str
@@ -35,6 +35,7 @@ class FrameRow:
     ce_m: float
     mace_m: float
     prior_ce_m: float
+    detail: str = ""
     source: str = ""
     confidence: float = math.nan
     entropy: float = math.nan
@@ -72,6 +73,7 @@ def _answer(cells: Cells, prefix: str, where: str, single: FrameRow | None) -> F
         has_prior=bool(cells["prior_lat"] and cells["prior_lon"]),
         accepted=_is_accepted(cells, prefix, where),
         reason=cells.get(f"{prefix}reason") or "",
+        detail=cells.get(f"{prefix}detail") or "",
         ce_m=number("ce_m"),
         mace_m=number("mace_m"),
         prior_ce_m=_number(cells, "prior_ce_m", where),
