@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scipy.stats import binomtest, mannwhitneyu
+from scipy.stats import mannwhitneyu
 
 from uasthn_cli.report.trust import (
     FRAMES_PER_BIN,
@@ -18,7 +18,6 @@ from uasthn_cli.report.trust import (
     reliability_bins,
     risk_coverage,
     roc_curve,
-    wilson_interval,
 )
 from uasthn_cli.types import BoolArray, FloatArray
 
@@ -142,12 +141,6 @@ def test_calibrated_risk_has_a_small_error_and_overconfident_risk_a_large_one() 
 def test_calibration_error_by_hand() -> None:
     bins = (ReliabilityBin(30, 0.1, 0.2, 0.0, 1.0), ReliabilityBin(10, 0.9, 0.5, 0.0, 1.0))
     assert expected_calibration_error(bins) == pytest.approx((30 * 0.1 + 10 * 0.4) / 40)
-
-
-@given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_wilson_interval_is_that_of_scipy(share: tuple[int, int]) -> None:
-    expected = binomtest(*share).proportion_ci(0.95, method="wilson")
-    assert wilson_interval(*share) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
 def test_radius_coverage_by_hand() -> None:

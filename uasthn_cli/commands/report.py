@@ -161,7 +161,12 @@ def print_report(
         ResultsError: a folder holds no finished run.
     """
     from uasthn_cli.report.load import load_run
-    from uasthn_cli.report.render import reasons_in_words, report_json, report_table
+    from uasthn_cli.report.render import (
+        INTERVALS_IN_WORDS,
+        reasons_in_words,
+        report_json,
+        report_table,
+    )
 
     runs = [load_run(folder) for folder in folders]
     columns = [_column(run, tolerance_m, with_prior) for run in runs]
@@ -169,7 +174,7 @@ def print_report(
         click.echo(report_json(columns))
     else:
         print_table(report_table(columns, with_trust))
-        for line in reasons_in_words(columns):
+        for line in (INTERVALS_IN_WORDS, *reasons_in_words(columns)):
             click.echo(line)
     return runs
 

@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 
 from uasthn_cli.config import TOLERANCE_M
+from uasthn_cli.report.intervals import Interval, share_intervals
 from uasthn_cli.report.load import RunResults
-from uasthn_cli.report.metrics import column
+from uasthn_cli.report.metrics import column, share_of
 from uasthn_cli.report.trust import (
     ReliabilityBin,
     expected_calibration_error,
@@ -16,6 +17,7 @@ from uasthn_cli.report.trust import (
     reliability_bins,
     risk_coverage,
     roc_curve,
+    within_radius,
 )
 from uasthn_cli.types import BoolArray, FloatArray
 
@@ -75,7 +77,7 @@ class TrustSummary:
     the truth. Reliability and ``expected_calibration_error`` are of the column ``risk``, always
     at the 25 m that it predicts. ``ce90_coverage`` is the share of errors within the predicted
     CE90, ``camera_ce90_coverage`` that of the camera's; ``coverage_at_levels`` assumes circular
-    normal errors, except at 0.9.
+    normal errors, except at 0.9. ``intervals`` holds the 95 % interval of each share.
     """
 
     judged: int
@@ -90,6 +92,7 @@ class TrustSummary:
     coverage_at_levels: Mapping[str, float | None]
     expected_calibration_error: float | None
     reliability: tuple[ReliabilityBin, ...]
+    intervals: Mapping[str, Interval]
 
 
 def judged_answers(run: RunResults, tolerance_m: float) -> JudgedAnswers:
@@ -116,27 +119,38 @@ def summarise_trust(run: RunResults, tolerance_m: float = TOLERANCE_M) -> TrustS
     accepted = answers.accepted
     ideal = risk_coverage(np.zeros(answers.wrong.size), answers.wrong)
     bins = risk_reliability(answers)
+    covered = _coverage_flags(answers)
     return TrustSummary(
         judged=accepted.size,
         beyond_tolerance=int(answers.wrong.sum()),
-        accepted_risk=float(answers.wrong[accepted].mean()) if accepted.any() else None,
+        accepted_risk=share_of(answers.wrong[accepted]),
         signals={
             name: _worth(uncertainty, answers.wrong)
             for name, uncertainty in answers.uncertainties.items()
         },
         ideal_aurc=ideal.ideal_aurc if ideal else None,
-        ce90_coverage_all=radius_coverage(answers.ce_m, answers.ce90_m),
-        ce90_coverage_accepted=radius_coverage(answers.ce_m[accepted], answers.ce90_m[accepted]),
-        camera_ce90_coverage_all=radius_coverage(answers.camera_ce_m, answers.camera_ce90_m),
-        camera_ce90_coverage_accepted=radius_coverage(
-            answers.camera_ce_m[accepted], answers.camera_ce90_m[accepted]
-        ),
+        ce90_coverage_all=share_of(covered["ce90_coverage_all"]),
+        ce90_coverage_accepted=share_of(covered["ce90_coverage_accepted"]),
+        camera_ce90_coverage_all=share_of(covered["camera_ce90_coverage_all"]),
+        camera_ce90_coverage_accepted=share_of(covered["camera_ce90_coverage_accepted"]),
         coverage_at_levels={
             f"{level:g}": radius_coverage(answers.ce_m, answers.ce90_m, level) for level in LEVELS
         },
         expected_calibration_error=expected_calibration_error(bins),
         reliability=bins,
+        intervals=share_intervals(accepted_risk=answers.wrong[accepted], **covered),
     )
+
+
+def _coverage_flags(answers: JudgedAnswers) -> dict[str, BoolArray]:
+    """Return which errors lie within their stated radius, by the name of the coverage."""
+    centre, camera = (answers.ce_m, answers.ce90_m), (answers.camera_ce_m, answers.camera_ce90_m)
+    flags = {}
+    for name, (ce_m, ce90_m) in {"ce90": centre, "camera_ce90": camera}.items():
+        flags[f"{name}_coverage_all"] = within_radius(ce_m, ce90_m)
+        accepted = answers.accepted
+        flags[f"{name}_coverage_accepted"] = within_radius(ce_m[accepted], ce90_m[accepted])
+    return flags
 
 
 def risk_reliability(answers: JudgedAnswers) -> tuple[ReliabilityBin, ...]:
