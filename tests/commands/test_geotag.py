@@ -165,6 +165,24 @@ def test_the_maps_own_error_is_part_of_every_radius(flight: Flight, tmp_path: Pa
         assert loose_m == pytest.approx(math.hypot(exact_m, map_ce90_m), abs=0.01)
 
 
+def test_the_error_of_the_attitude_is_the_cameras_alone(flight: Flight, tmp_path: Path) -> None:
+    rows = {}
+    for error_deg in ("0", "2"):
+        out = tmp_path / error_deg
+        arguments = flight.arguments(out, "--attitude-error", error_deg)
+        assert CliRunner().invoke(main, arguments).exit_code == 0
+        with (out / "frames.csv").open(newline="") as handle:
+            rows[error_deg] = list(csv.DictReader(handle))
+        notes = record(out)["notes"]
+        assert notes["altitude_source"] == "GLOBAL_POSITION_INT.alt"
+        assert notes["attitude_source"] == "attitude"
+    for sure, unsure in zip(rows["0"], rows["2"], strict=True):
+        assert sure["camera_ce90_m"] == sure["ce90_m"] == unsure["ce90_m"]
+        tilt_m = math.radians(2.0) * float(unsure["agl_m"]) * math.sqrt(2.0 * math.log(10.0))
+        expected_m = math.hypot(float(sure["ce90_m"]), tilt_m)
+        assert float(unsure["camera_ce90_m"]) == pytest.approx(expected_m, abs=0.01)
+
+
 def test_quiet_run_says_nothing(flight: Flight, tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["-q", *flight.arguments(tmp_path / "out")])
     assert result.exit_code == 0
