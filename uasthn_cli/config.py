@@ -107,6 +107,13 @@ COARSE_REFINE_SYMMETRIES = 2
 DEFAULT_MAP_ERROR_M = 4.0
 """Standard deviation, per axis, of the map's own registration: part of every uncertainty."""
 
+DEFAULT_ATTITUDE_ERROR_DEG = 1.0
+"""Standard deviation of the camera's roll and of its pitch where the flight does not tell.
+
+Attitude, mount and their alignment together: what an ordinary autopilot and a bolted camera get
+wrong. It is part of the uncertainty of the camera's position, not of the frame's centre.
+"""
+
 MAP_PIXEL_ERROR = 0.6
 """Standard deviation, per axis and in pixels of the map, of what shadows and shading shift.
 
@@ -194,6 +201,7 @@ class GeotagConfig:
     aggregation: Aggregation | None = None
     fuse: bool = True
     map_error_m: float = DEFAULT_MAP_ERROR_M
+    attitude_error_deg: float = DEFAULT_ATTITUDE_ERROR_DEG
     decision: DecisionConfig = DecisionConfig()
 
 

@@ -6,6 +6,7 @@ pixel at (0, 0); corners are ordered top-left, top-right, bottom-left, bottom-ri
 its unit in its name.
 """
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -87,7 +88,8 @@ class Prior:
     """What the log says about one frame: where the camera was and how it was turned.
 
     ``attitude`` is the camera's own (gimbal angles applied where the log has them, mount yaw not
-    yet applied). ``height_source`` names the field that gave the height over ground.
+    yet applied). ``height_source`` names the field that gave the height over ground;
+    ``alt_amsl_m`` is the logged altitude above mean sea level, NaN where the log has none.
     """
 
     frame: FrameFile
@@ -97,6 +99,7 @@ class Prior:
     height_above_ground_m: float
     attitude: Attitude
     height_source: str
+    alt_amsl_m: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +258,14 @@ class Fix:
     ``corners_deg`` ``(4, 2)`` holds ``(lat, lon)`` of the frame's corners, ``corner_std_m``
     ``(4, 2)`` the standard deviation of each corner east-west and north-south by the run's method
     of uncertainty estimation: among views, among networks, or as the network itself has it.
-    ``single`` is the frame's own answer where this one rests on the whole flight.
+    ``detail`` says of a rejected answer in one line what was missing, and by how much. ``single``
+    is the frame's own answer where this one rests on the whole flight.
+
+    ``roll_deg``, ``pitch_deg``, ``yaw_deg`` are the camera's: the attitude of a body to which a
+    nadir camera is bolted with the top of its image forward. ``height_above_ground_m`` is the
+    height that placed the frame, ``alt_amsl_m`` the logged altitude at its time.
+    ``camera_covariance_m2`` ``(2, 2)`` (east, north) and ``camera_ce90_m`` are the camera's
+    position's, as ``trust`` has those of the centre.
     """
 
     prior: Prior
@@ -267,11 +277,18 @@ class Fix:
     corner_std_m: FloatArray
     uncertainty_m: float
     offset_m: float
+    roll_deg: float
+    pitch_deg: float
     yaw_deg: float
+    height_above_ground_m: float
+    alt_amsl_m: float
     gsd_m: float
     trust: Trust
+    camera_covariance_m2: FloatArray
+    camera_ce90_m: float
     accepted: bool
     reason: Reason | None
+    detail: str = ""
     source: Source = Source.FIX
     single: "Fix | None" = None
 

@@ -8,9 +8,12 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from frame_results import UNCERTAIN_DETAIL, make_failure, make_fix, make_rejected
 from small_flight import Flight
 
+from uasthn_cli.commands.geotag import say_summary
 from uasthn_cli.commands.main import main
+from uasthn_cli.types import FrameResult
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
 from uasthn_cli.uncertainty.risk_model import RiskModel, SignalTerm, Transform
 from uasthn_cli.version import code_version
@@ -85,6 +88,18 @@ def test_a_missing_calibration_is_told_unless_it_was_asked_for(
     assert record(out)["calibration"] is None
 
 
+def test_reasons_are_told_with_an_example_each(capsys: pytest.CaptureFixture[str]) -> None:
+    rejected = [make_rejected("b.png"), make_rejected("c.png")]
+    results: list[FrameResult] = [make_fix(), *rejected, make_failure("d.png")]
+    say_summary(results)
+    assert capsys.readouterr().err.splitlines() == [
+        "1 of 4 frames accepted",
+        "Not accepted: 2 uncertain, 1 unreadable",
+        f"  uncertain, for example b.png: {UNCERTAIN_DETAIL}",
+        "  unreadable, for example d.png: truncated PNG",
+    ]
+
+
 def test_each_frame_alone(flight: Flight, tmp_path: Path) -> None:
     out = tmp_path / "out"
     result = CliRunner().invoke(main, flight.arguments(out, "--no-fuse"))
@@ -148,6 +163,24 @@ def test_the_maps_own_error_is_part_of_every_radius(flight: Flight, tmp_path: Pa
     map_ce90_m = 20.0 * math.sqrt(2.0 * math.log(10.0))
     for exact_m, loose_m in zip(*radii_m, strict=True):
         assert loose_m == pytest.approx(math.hypot(exact_m, map_ce90_m), abs=0.01)
+
+
+def test_the_error_of_the_attitude_is_the_cameras_alone(flight: Flight, tmp_path: Path) -> None:
+    rows = {}
+    for error_deg in ("0", "2"):
+        out = tmp_path / error_deg
+        arguments = flight.arguments(out, "--attitude-error", error_deg)
+        assert CliRunner().invoke(main, arguments).exit_code == 0
+        with (out / "frames.csv").open(newline="") as handle:
+            rows[error_deg] = list(csv.DictReader(handle))
+        notes = record(out)["notes"]
+        assert notes["altitude_source"] == "GLOBAL_POSITION_INT.alt"
+        assert notes["attitude_source"] == "attitude"
+    for sure, unsure in zip(rows["0"], rows["2"], strict=True):
+        assert sure["camera_ce90_m"] == sure["ce90_m"] == unsure["ce90_m"]
+        tilt_m = math.radians(2.0) * float(unsure["agl_m"]) * math.sqrt(2.0 * math.log(10.0))
+        expected_m = math.hypot(float(sure["ce90_m"]), tilt_m)
+        assert float(unsure["camera_ce90_m"]) == pytest.approx(expected_m, abs=0.01)
 
 
 def test_quiet_run_says_nothing(flight: Flight, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from simple_flight_log import (
     START_UTC_S,
+    TAKE_OFF_AMSL_M,
     FlightPlan,
     flight_telemetry,
     true_lat_lon_deg,
@@ -46,6 +47,15 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     assert telemetry.positions.lat_deg[50] == pytest.approx(lat_deg, abs=1e-7)
     assert telemetry.positions.lon_deg[50] == pytest.approx(lon_deg, abs=1e-7)
     assert telemetry.positions.height_m[50] == pytest.approx(120.0)
+    assert telemetry.positions.alt_amsl_m[50] == pytest.approx(120.0 + TAKE_OFF_AMSL_M)
+    assert telemetry.positions.altitude_source == "GLOBAL_POSITION_INT.alt"
+
+
+def test_an_altitude_of_zero_throughout_is_none(tmp_path: Path) -> None:
+    positions = flight_telemetry(tmp_path, FlightPlan(amsl_m=None)).positions
+    assert np.isnan(positions.alt_amsl_m).all()
+    assert positions.altitude_source == "none"
+    assert positions.height_m[0] == pytest.approx(120.0)
 
 
 def test_records_are_big_endian_microseconds_and_mavlink_2(log_bytes: bytes) -> None:
@@ -109,6 +119,8 @@ def test_gps_raw_int_stands_in_for_missing_positions(tmp_path: Path) -> None:
     assert positions.message == "GPS_RAW_INT"
     assert positions.height_source == "gps_altitude_above_first_fix"
     np.testing.assert_allclose(positions.height_m, 10.0 * np.arange(15))
+    assert positions.altitude_source == "GPS_RAW_INT.alt"
+    np.testing.assert_allclose(positions.alt_amsl_m, 450.0 + 10.0 * np.arange(15))
 
 
 def test_mavlink_1_is_read(tmp_path: Path) -> None:

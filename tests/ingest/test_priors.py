@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from simple_flight_log import (
     START_UTC_S,
+    TAKE_OFF_AMSL_M,
     FlightPlan,
     flight_telemetry,
     make_frame_files,
@@ -70,6 +71,8 @@ def test_priors_are_where_the_vehicle_was(tmp_path: Path, plan: FlightPlan) -> N
         assert error_m(prior, time_s) < 1.0
         assert turned_deg(prior, time_s) < 2.0
         assert prior.height_above_ground_m == pytest.approx(120.0)
+        assert prior.alt_amsl_m == pytest.approx(120.0 + TAKE_OFF_AMSL_M)
+    assert found.altitude_source == "GLOBAL_POSITION_INT.alt"
 
 
 def test_convention_the_offset_is_added_to_the_frame_s_time(tmp_path: Path) -> None:

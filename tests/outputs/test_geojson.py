@@ -5,7 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frame_results import CORNERS_DEG, make_failure, make_fix, make_prior, make_rejected
+from frame_results import (
+    CORNERS_DEG,
+    UNCERTAIN_DETAIL,
+    make_failure,
+    make_fix,
+    make_prior,
+    make_rejected,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -51,12 +58,17 @@ def test_a_frame_is_a_point_and_a_polygon_in_lon_lat_order() -> None:
         "time_utc": "2025-11-22T08:26:42.000Z",
         "accepted": True,
         "reason": None,
+        "detail": None,
         "u_m": 4.5,
         "ce90_m": 7.125,
+        "camera_ce90_m": 10.065,
         "risk": 0.0123,
         "offset_m": 75.25,
+        "roll_deg": 0.573,
+        "pitch_deg": -1.146,
         "yaw_deg": 85.944,
-        "agl_m": 267.73,
+        "agl_m": 270.25,
+        "alt_amsl_m": 317.625,
         "source": "fix",
     }
 
@@ -66,6 +78,7 @@ def test_a_rejected_frame_keeps_its_geometry_and_says_why() -> None:
         assert feature["geometry"] is not None
         assert feature["properties"]["accepted"] is False
         assert feature["properties"]["reason"] == "uncertain"
+        assert feature["properties"]["detail"] == UNCERTAIN_DETAIL
 
 
 def test_a_failure_appears_once_without_geometry() -> None:

@@ -60,6 +60,7 @@ PRIORS = st.builds(
     height_above_ground_m=FLOATS,
     attitude=st.builds(Attitude, FLOATS, FLOATS, FLOATS),
     height_source=NAMES,
+    alt_amsl_m=FLOATS,
 )
 TRUSTS = st.builds(
     Trust,
@@ -87,11 +88,18 @@ def fixes(single: st.SearchStrategy[Fix | None]) -> st.SearchStrategy[Fix]:
         corner_std_m=matrices(4, 2),
         uncertainty_m=FLOATS,
         offset_m=FLOATS,
+        roll_deg=FLOATS,
+        pitch_deg=FLOATS,
         yaw_deg=FLOATS,
+        height_above_ground_m=FLOATS,
+        alt_amsl_m=FLOATS,
         gsd_m=FLOATS,
         trust=TRUSTS,
+        camera_covariance_m2=matrices(2, 2),
+        camera_ce90_m=FLOATS,
         accepted=st.booleans(),
         reason=REASONS,
+        detail=st.text(),
         source=st.sampled_from(Source),
         single=single,
     )

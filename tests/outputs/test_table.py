@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frame_results import (
+    UNCERTAIN_DETAIL,
     make_failure,
     make_fix,
     make_fused,
@@ -27,11 +28,15 @@ from uasthn_cli.types import FrameResult, Reason
 REQUIRED_START = (
     "frame,time_utc,lat,lon,center_lat,center_lon,accepted,reason,u_m,offset_m,"
     "tl_lat,tl_lon,tr_lat,tr_lon,bl_lat,bl_lon,br_lat,br_lon,"
-    "prior_lat,prior_lon,agl_m,yaw_deg,gsd_m,source,"
+    "prior_lat,prior_lon,agl_m,alt_amsl_m,roll_deg,pitch_deg,yaw_deg,gsd_m,source,"
     "u_tl_x_m,u_tl_y_m,u_tr_x_m,u_tr_y_m,u_bl_x_m,u_bl_y_m,u_br_x_m,u_br_y_m"
 )
 
-TRUST = "ce90_m,risk,cov_xx_m2,cov_xy_m2,cov_yy_m2,confidence,entropy,sigma_m,agreement_m,support"
+TRUST = (
+    "ce90_m,risk,cov_xx_m2,cov_xy_m2,cov_yy_m2,"
+    "camera_ce90_m,camera_cov_xx_m2,camera_cov_xy_m2,camera_cov_yy_m2,"
+    "confidence,entropy,sigma_m,agreement_m,support"
+)
 SINGLE = (
     "single_accepted,single_reason,single_lat,single_lon,single_center_lat,single_center_lon,"
     "single_u_m,single_offset_m,single_tl_lat,single_tl_lon,single_tr_lat,single_tr_lon,"
@@ -61,7 +66,7 @@ def filled(row: dict[str, str]) -> dict[str, str]:
 def test_header_without_and_with_truth_and_crs(tmp_path: Path, truth: Truth) -> None:
     assert ",".join(columns(None, None)) == f"{REQUIRED_START},{TRUST},detail"
     assert ",".join(columns(truth, "EPSG:32640")) == (
-        f"{REQUIRED_START},ce_m,mace_m,prior_ce_m,{TRUST},detail,x,y,center_x,center_y"
+        f"{REQUIRED_START},ce_m,mace_m,camera_ce_m,prior_ce_m,{TRUST},detail,x,y,center_x,center_y"
     )
     path = tmp_path / "no_camera.csv"
     path.write_text(truth_table({"frame": "a.png"}, with_camera=False))
@@ -75,8 +80,8 @@ def test_header_of_a_fused_run_has_each_frames_own_answer_too(truth: Truth) -> N
         f"{REQUIRED_START},{TRUST},{SINGLE},detail"
     )
     assert ",".join(columns(truth, "EPSG:32640", with_single=True)) == (
-        f"{REQUIRED_START},ce_m,mace_m,prior_ce_m,{TRUST},{SINGLE},single_ce_m,single_mace_m,"
-        "detail,x,y,center_x,center_y"
+        f"{REQUIRED_START},ce_m,mace_m,camera_ce_m,prior_ce_m,{TRUST},{SINGLE},"
+        "single_ce_m,single_mace_m,detail,x,y,center_x,center_y"
     )
 
 
@@ -86,12 +91,20 @@ def test_an_accepted_frame_fills_all_but_reason_detail_and_what_the_flight_says(
     assert row["time_utc"] == "2025-11-22T08:26:42.000Z"
     assert (row["lat"], row["center_lon"]) == ("24.00100000", "56.00251000")
     assert (row["accepted"], row["source"]) == ("true", "fix")
-    assert (row["u_m"], row["offset_m"], row["agl_m"]) == ("4.500", "75.250", "267.730")
-    assert (row["yaw_deg"], row["gsd_m"]) == ("85.944", "0.34568")
+    assert (row["u_m"], row["offset_m"]) == ("4.500", "75.250")
+    assert (row["agl_m"], row["alt_amsl_m"]) == ("270.250", "317.625")  # what placed the frame
+    assert (row["roll_deg"], row["pitch_deg"], row["yaw_deg"]) == ("0.573", "-1.146", "85.944")
+    assert row["gsd_m"] == "0.34568"
     assert [row[name] for name in TRUST.split(",")] == [
         *("7.125", "0.012346", "10.000", "-1.500", "12.000"),
+        *("10.065", "20.000", "-2.500", "24.000"),
         *("0.8765", "3.2500", "12.500", "", ""),
     ]
+
+
+def test_an_altitude_that_the_log_does_not_know_stays_empty() -> None:
+    row = cells(make_fix(alt_amsl_m=math.nan))
+    assert (row["alt_amsl_m"], row["agl_m"]) == ("", "270.250")
 
 
 def test_without_a_calibration_there_is_no_risk() -> None:
@@ -136,7 +149,8 @@ def test_convention_corner_cells_follow_the_corner_order() -> None:
 
 def test_a_rejected_frame_keeps_its_estimate() -> None:
     accepted, rejected = cells(make_fix("b.png")), cells(make_rejected("b.png"))
-    assert rejected == accepted | {"accepted": "false", "reason": "uncertain"}
+    verdict = {"accepted": "false", "reason": "uncertain", "detail": UNCERTAIN_DETAIL}
+    assert rejected == accepted | verdict
 
 
 def test_a_frame_without_anything_keeps_its_row() -> None:
@@ -158,6 +172,7 @@ def test_a_failure_shows_time_and_prior_if_known() -> None:
         "prior_lat": "24.00050000",
         "prior_lon": "56.00200000",
         "agl_m": "267.730",
+        "alt_amsl_m": "317.500",
         "detail": "truncated PNG",
     }
 
@@ -174,6 +189,10 @@ def test_errors_against_truth(truth: Truth) -> None:
     moved = cells(make_rejected("a.png", center_lat_deg=24.00201), truth)
     assert float(moved["ce_m"]) == pytest.approx(110.76, abs=0.05)  # 0.001° of latitude at 24° N
     assert float(moved["prior_ce_m"]) == pytest.approx(75.25, abs=0.2)  # 55.4 m north, 50.9 m east
+    assert moved["camera_ce_m"] == "0.000"
+    aside = cells(make_fix("a.png", lat_deg=24.002), truth)
+    assert float(aside["camera_ce_m"]) == pytest.approx(110.76, abs=0.05)
+    assert aside["ce_m"] == "0.000"
     assert moved["mace_m"] == "0.000"
 
 

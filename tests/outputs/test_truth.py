@@ -7,6 +7,7 @@ from frame_results import make_fix, make_prior, truth_table
 from uasthn_cli.errors import TruthError
 from uasthn_cli.outputs.truth import (
     TrueFrame,
+    camera_error_m,
     center_error_m,
     mean_corner_error_m,
     prior_error_m,
@@ -53,6 +54,13 @@ def test_prior_error_is_of_the_camera_and_needs_one() -> None:
     error_m = prior_error_m(make_prior(lat_deg=0.0, lon_deg=0.0), true)
     assert error_m == pytest.approx(0.001 * M_PER_DEG_LON_AT_EQUATOR, rel=1e-6)
     assert prior_error_m(make_prior(), TrueFrame(np.zeros(2), np.zeros((4, 2)), None)) is None
+
+
+def test_camera_error_is_of_the_estimate() -> None:
+    true = TrueFrame(np.zeros(2), np.zeros((4, 2)), np.array([0.0, 0.001]))
+    error_m = camera_error_m(make_fix(lat_deg=0.0, lon_deg=0.003), true)
+    assert error_m == pytest.approx(0.002 * M_PER_DEG_LON_AT_EQUATOR, rel=1e-6)
+    assert camera_error_m(make_fix(), TrueFrame(np.zeros(2), np.zeros((4, 2)), None)) is None
 
 
 def test_error_across_the_antimeridian_is_short() -> None:

@@ -1,6 +1,7 @@
 """The whole flight settles every frame: what it knows better, and what it must leave alone."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,15 @@ import numpy as np
 import pytest
 from known_model import known_encoders
 from lane_flight import SEARCH_RADIUS_M, Fused, errors_m, fused, lane_poses
-from posed_flight import HFOV_DEG, LogFaults, PosedFlight, make_posed_flight, opened, see
+from posed_flight import (
+    HFOV_DEG,
+    TAKE_OFF_AMSL_M,
+    LogFaults,
+    PosedFlight,
+    make_posed_flight,
+    opened,
+    see,
+)
 from scipy.ndimage import gaussian_filter
 from small_flight import MAP_GSD_M, ground_texture
 
@@ -146,6 +155,9 @@ def test_a_frame_that_shows_nothing_has_a_place_but_is_not_accepted(
     neighbour = outcome.results[BLANK + 1]
     assert isinstance(neighbour, Fix)
     assert neighbour.reason is Reason.UNSUPPORTED, "in such noise no frame is sure alone"
+    assert re.match(r"support 0\.\d+, more than 0\.60 needed: alone it", neighbour.detail)
+    assert f"{flight.names[ASTRAY]} by" in neighbour.detail
+    assert "says nothing" in neighbour.detail  # the frame that shows nothing
     assert fix.trust.ce90_m > neighbour.trust.ce90_m
     assert error_m < fix.trust.ce90_m
 
@@ -198,7 +210,11 @@ def test_convention_a_wrong_heading_and_height_are_found_and_corrected(
     assert own[:, 2].mean() > 3.0
     assert of_flight.max() < MAP_GSD_M
     for fix, pose in zip(outcome.fixes, flight.poses, strict=True):
-        assert abs(math.remainder(fix.yaw_deg - pose.yaw_deg, 360.0)) < 0.3
+        top_deg = pose.yaw_deg + mount_yaw_deg
+        assert abs(math.remainder(fix.yaw_deg - top_deg, 360.0)) < 0.3
+        assert fix.height_above_ground_m == pytest.approx(pose.height_m, rel=0.01)
+        logged_m = pose.height_m / height_factor + TAKE_OFF_AMSL_M
+        assert fix.alt_amsl_m == pytest.approx(logged_m, abs=0.01)  # not moved with the height
 
 
 def test_more_than_a_log_gets_wrong_is_left_alone(tmp_path: Path) -> None:

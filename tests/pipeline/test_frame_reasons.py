@@ -105,6 +105,7 @@ def test_an_estimate_that_hangs_over_the_maps_edge_is_kept_but_rejected(
     fix = results["map's edge"]
     assert isinstance(fix, Fix)
     assert (fix.accepted, fix.reason) == (False, Reason.OFF_MAP)
+    assert "of the footprint found lie on the map, 0.50 needed" in fix.detail
     assert fix.offset_m == pytest.approx(0.0, abs=MAP_GSD_M)  # no place counts: the prior's
 
 

@@ -10,6 +10,7 @@ from posed_flight import (
     HFOV_DEG,
     SEARCH_RADIUS_M,
     SIZE_PX,
+    TAKE_OFF_AMSL_M,
     Pose,
     PosedFlight,
     alone,
@@ -91,12 +92,29 @@ def test_convention_camera_centre_and_corners_are_found_to_a_map_pixel(
         assert max(errors.values()) < MAP_GSD_M, (pose, errors)
 
 
-def test_convention_heading_is_that_of_the_nose(flight: PosedFlight, fixes: list[Fix]) -> None:
+def test_convention_the_attitude_is_that_of_the_camera(
+    flight: PosedFlight, fixes: list[Fix]
+) -> None:
     for fix, pose in zip(fixes, flight.poses, strict=True):
-        # what the image's top points at on the ground turns a little when the camera is tilted
-        off_deg = math.remainder(fix.yaw_deg - pose.yaw_deg, 360.0)
-        assert abs(off_deg) < 0.3 + abs(pose.roll_deg * pose.pitch_deg) * math.radians(1.0)
+        assert abs(math.remainder(fix.yaw_deg - pose.yaw_deg, 360.0)) < 0.3
         assert 0.0 <= fix.yaw_deg < 360.0
+        assert (fix.roll_deg, fix.pitch_deg) == pytest.approx((pose.roll_deg, pose.pitch_deg))
+
+
+def test_height_and_altitude_are_the_logs(flight: PosedFlight, fixes: list[Fix]) -> None:
+    for fix, pose in zip(fixes, flight.poses, strict=True):
+        assert fix.height_above_ground_m == pytest.approx(pose.height_m)
+        assert fix.alt_amsl_m == pytest.approx(pose.height_m + TAKE_OFF_AMSL_M)
+
+
+def test_the_camera_is_less_certain_than_the_centre(fixes: list[Fix]) -> None:
+    """By a degree of roll and of pitch, which a metre of height turns into 17 mm."""
+    for fix in fixes:
+        tilt_m2 = (math.radians(1.0) * fix.height_above_ground_m) ** 2
+        added_m2 = np.linalg.eigvalsh(fix.camera_covariance_m2 - fix.trust.covariance_m2)
+        assert (added_m2 >= 0.999 * tilt_m2).all()
+        assert (added_m2 < 1.2 * tilt_m2).all()  # more where the camera looks aside
+        assert fix.camera_ce90_m > fix.trust.ce90_m
 
 
 def test_the_gsd_is_that_of_the_middle_pixel(flight: PosedFlight, fixes: list[Fix]) -> None:
@@ -127,7 +145,10 @@ def test_convention_a_camera_mounted_sideways(tmp_path: Path) -> None:
     for fix, pose in zip(results, poses, strict=True):
         assert isinstance(fix, Fix)
         assert max(errors_m(fix, pose, 90.0).values()) < MAP_GSD_M
-        assert abs(math.remainder(fix.yaw_deg - pose.yaw_deg, 360.0)) < 0.3
+        top_deg = pose.yaw_deg + 90.0
+        assert abs(math.remainder(fix.yaw_deg - top_deg, 360.0)) < 0.3
+        # the image's top is the aircraft's right: its nose up is the image rolled
+        assert (fix.roll_deg, fix.pitch_deg) == pytest.approx((pose.pitch_deg, 0.0), abs=1e-6)
 
 
 def test_a_coarser_grid_finds_the_same_places(flight: PosedFlight) -> None:

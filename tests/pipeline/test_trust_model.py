@@ -16,8 +16,9 @@ from uasthn_cli.config import (
 )
 from uasthn_cli.fusion.offsets import PosteriorSummary
 from uasthn_cli.pipeline.trust_model import Agreement, TrustModel
-from uasthn_cli.types import FloatArray, OffsetLikelihood, Reason, Trust
+from uasthn_cli.types import Attitude, FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
+from uasthn_cli.uncertainty.decide import Rejection
 from uasthn_cli.uncertainty.risk_model import RiskModel, SignalTerm, Transform
 
 STD_M = np.array([[1.0, 2.0], [1.0, 2.0], [3.0, 2.0], [3.0, 6.0]])
@@ -92,6 +93,21 @@ def test_the_maps_pixels_leave_something_open_too() -> None:
     assert single(coarse).covariance_m2 == pytest.approx(np.eye(2) * expected)
 
 
+LEVEL = Attitude(0.0, 0.0, math.radians(30.0))
+
+
+def test_the_camera_has_the_error_of_the_centre_and_that_of_the_attitude() -> None:
+    centre = trust(covariance_m2=np.diag([4.0, 9.0]))
+    found = trust_model(attitude_error_deg=math.degrees(0.01)).camera(centre, LEVEL, 300.0)
+    assert found.covariance_m2 == pytest.approx(np.diag([13.0, 18.0]))
+    assert found.ce90_m == pytest.approx(math.sqrt(-2 * math.log(0.1) * 15.5))
+
+
+def test_what_a_flight_tells_of_its_attitude_takes_the_place_of_the_default() -> None:
+    told = trust_model().camera(trust(covariance_m2=np.eye(2)), LEVEL, 300.0, np.zeros((2, 2)))
+    assert told.covariance_m2 == pytest.approx(np.eye(2))
+
+
 def test_single_and_fused_answers_have_their_own_models() -> None:
     model = trust_model(calibration("u_m", "support"))
     assert single(model).risk == pytest.approx(1 / (1 + 1 / 3))  # odds of u_m: 3
@@ -107,18 +123,32 @@ def test_a_calibration_without_fused_answers_judges_them_as_single() -> None:
     assert fused.risk == pytest.approx(1 / (1 + 1 / 3))
     blank = model.fused(SUMMARY, SUMMARY.covariance_m2, NEAR, math.nan)
     assert blank.risk == 1.0
-    assert model.rejection_of_fused(blank) is Reason.RISKY
+    assert reason(model.rejection_of_fused(blank)) is Reason.RISKY
 
 
 def test_whatever_the_risk_most_neighbours_must_agree() -> None:
     for model in (trust_model(), trust_model(calibration("u_m", "support"))):
         sure = trust(risk=0.0, confidence=1.0, support=MIN_SUPPORT + 0.01)
         assert model.rejection_of_fused(sure) is None
-        assert model.rejection_of_fused(replace(sure, support=MIN_SUPPORT)) is Reason.UNSUPPORTED
-        assert model.rejection_of_fused(replace(sure, support=math.nan)) is Reason.UNSUPPORTED
+        assert (
+            reason(model.rejection_of_fused(replace(sure, support=MIN_SUPPORT)))
+            is Reason.UNSUPPORTED
+        )
+        assert (
+            reason(model.rejection_of_fused(replace(sure, support=math.nan))) is Reason.UNSUPPORTED
+        )
 
 
-def trust(**changes: float) -> Trust:
+def reason(found: Rejection | None) -> Reason | None:
+    return found.reason if found else None
+
+
+def test_a_lack_of_support_says_how_much_there_is() -> None:
+    found = trust_model().rejection_of_fused(trust(support=0.4))
+    assert found == Rejection(Reason.UNSUPPORTED, "support 0.40, more than 0.60 needed")
+
+
+def trust(**changes: float | FloatArray) -> Trust:
     nothing_known = Trust(1.0, 1.0, 1.0, np.eye(2), 2.0, math.nan, math.nan, math.nan)
     return replace(nothing_known, **changes)  # type: ignore[arg-type]
 
@@ -127,15 +157,20 @@ def test_without_a_calibration_fused_answers_need_confidence_and_support() -> No
     model = trust_model()
     enough, little = FALLBACK_MIN_CONFIDENCE, FALLBACK_MIN_CONFIDENCE - 0.01
     assert model.rejection_of_fused(trust(confidence=enough, support=1.0)) is None
-    assert model.rejection_of_fused(trust(confidence=little, support=1.0)) is Reason.AMBIGUOUS
+    assert (
+        reason(model.rejection_of_fused(trust(confidence=little, support=1.0))) is Reason.AMBIGUOUS
+    )
 
 
 def test_the_spread_of_views_rejects_single_answers_alone() -> None:
     model = trust_model(decision=DecisionConfig(max_std_m=0.001))
-    assert model.rejection_of_single(1.0, trust(), 500.0) is Reason.UNCERTAIN
+    assert reason(model.rejection_of_single(1.0, trust(), 500.0)) is Reason.UNCERTAIN
     assert model.rejection_of_fused(trust(support=1.0)) is None
     fallback = trust_model()
-    assert fallback.rejection_of_single(FALLBACK_MAX_STD_M + 1, trust(), 500.0) is Reason.UNCERTAIN
+    assert (
+        reason(fallback.rejection_of_single(FALLBACK_MAX_STD_M + 1, trust(), 500.0))
+        is Reason.UNCERTAIN
+    )
 
 
 def test_with_a_calibration_each_kind_has_its_limit() -> None:
@@ -145,5 +180,5 @@ def test_with_a_calibration_each_kind_has_its_limit() -> None:
     model = trust_model(stricter)
     risky = trust(risk=0.2, confidence=0.0, support=1.0)
     assert model.rejection_of_single(1e3, risky, 500.0) is None
-    assert model.rejection_of_fused(risky) is Reason.RISKY
+    assert reason(model.rejection_of_fused(risky)) is Reason.RISKY
     assert model.rejection_of_fused(replace(risky, risk=0.1)) is None

@@ -116,7 +116,7 @@ def damaged(folder: Path, name: str, old: str, new: str) -> Path:
         ("frames.csv", ",4.000,", ",near,", r"frames\.csv:2: ce_m is 'near', expected metres"),
         (
             "frames.csv",
-            "e.png,,,false,off-map,,,,,\n",
+            "e.png,,,false,off-map,,,,,,\n",
             "",
             "holds 4 frames where run.json counts 5",
         ),

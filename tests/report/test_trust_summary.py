@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_runs import FIVE_ROWS, fused_rows, make_run
 
+from uasthn_cli.report.intervals import wilson_interval
 from uasthn_cli.report.load import RunResults, single_frame_run
 from uasthn_cli.report.rows import FrameRow
 from uasthn_cli.report.trust_summary import SIGNALS, TrustSummary, summarise_trust
@@ -61,7 +62,18 @@ def test_ce90_coverage_by_hand() -> None:
     assert trust.ce90_coverage_all == pytest.approx(2 / 3)
     assert trust.ce90_coverage_accepted == 0.5
     assert trust.coverage_at_levels["0.9"] == trust.ce90_coverage_all
+    assert trust.intervals["ce90_coverage_all"] == wilson_interval(2, 3)
+    assert trust.intervals["accepted_risk"] == wilson_interval(1, 2)
+    assert "camera_ce90_coverage_all" not in trust.intervals
     assert trust.coverage_at_levels["0.95"] == 1.0  # the radii are 1.14 times as large
+
+
+def test_the_cameras_coverage_is_its_own() -> None:
+    radii_m = {"ce90_m": [5.0, 29.0, 100.0], "camera_ce90_m": [9.0, 9.0, 9.0]}
+    trust = trust_of(with_signals(**radii_m, camera_ce_m=[8.0, 9.5, math.nan]))
+    assert trust.camera_ce90_coverage_all == trust.camera_ce90_coverage_accepted == 0.5
+    assert trust.ce90_coverage_all == pytest.approx(2 / 3)
+    assert trust_of(with_signals(ce90_m=[5.0, 29.0, 100.0])).camera_ce90_coverage_all is None
 
 
 def test_risk_is_judged_at_25_m_whatever_the_tolerance() -> None:

@@ -28,6 +28,9 @@ CORNERS_DEG = np.array([[24.002, 56.001], [24.002, 56.004], [24.0, 56.001], [24.
 """A north-up footprint: top-left, top-right, bottom-left, bottom-right as ``(lat, lon)``."""
 
 
+UNCERTAIN_DETAIL = "frame and views disagree by 12.35 m, at most 10.00 m"
+
+
 def make_frame(name: str = "a.png") -> FrameFile:
     """Return a frame file that need not exist."""
     return FrameFile(name=name, path=Path("frames") / name)
@@ -43,6 +46,7 @@ def make_prior(name: str = "a.png", **changes: Any) -> Prior:
         height_above_ground_m=267.73,
         attitude=Attitude(roll_rad=0.01, pitch_rad=-0.02, yaw_rad=1.5),
         height_source="relative_alt",
+        alt_amsl_m=317.5,
     )
     return replace(prior, **changes)
 
@@ -74,9 +78,15 @@ def make_fix(name: str = "a.png", **changes: Any) -> Fix:
         corner_std_m=np.arange(1.0, 9.0).reshape(4, 2),
         uncertainty_m=4.5,
         offset_m=75.25,
+        roll_deg=0.573,
+        pitch_deg=-1.1459,
         yaw_deg=85.9437,
+        height_above_ground_m=270.25,
+        alt_amsl_m=317.625,
         gsd_m=0.345678,
         trust=make_trust(),
+        camera_covariance_m2=np.array([[20.0, -2.5], [-2.5, 24.0]]),
+        camera_ce90_m=10.065,
         accepted=True,
         reason=None,
     )
@@ -85,7 +95,8 @@ def make_fix(name: str = "a.png", **changes: Any) -> Fix:
 
 def make_rejected(name: str = "b.png", **changes: Any) -> Fix:
     """Return a rejected estimate."""
-    return make_fix(name, accepted=False, reason=Reason.UNCERTAIN, **changes)
+    verdict = {"accepted": False, "reason": Reason.UNCERTAIN, "detail": UNCERTAIN_DETAIL}
+    return make_fix(name, **(verdict | changes))
 
 
 def make_failure(name: str = "c.png", **changes: Any) -> FrameFailure:

@@ -39,6 +39,7 @@ SEARCH_RADIUS_M = 30.0
 SIZE_PX = (120, 88)
 INTERVAL_S = 4.0
 BOOT_BEFORE_START_S = 10.0
+TAKE_OFF_AMSL_M = 50.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +182,7 @@ def write_log(
                 **boot,
                 lat=round(lat * 1e7),
                 lon=round(lon * 1e7),
-                alt=round(1000 * (height_m + 50.0)),
+                alt=round(1000 * (height_m + TAKE_OFF_AMSL_M)),
                 relative_alt=round(1000 * height_m),
                 vx=0,
                 vy=0,

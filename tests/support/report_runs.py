@@ -22,7 +22,8 @@ FIVE_ROWS = (
 
 
 TRUST_COLUMNS: Final = (
-    *("source", "confidence", "entropy", "sigma_m", "u_m", "agreement_m", "risk", "ce90_m"),
+    *("source", "confidence", "entropy", "sigma_m", "u_m", "agreement_m", "risk"),
+    *("ce90_m", "camera_ce90_m"),
 )
 
 
@@ -49,6 +50,8 @@ def fused_rows(count: int = 60, seed: int = 4) -> tuple[FrameRow, ...]:
             u_m=risk * 50.0 + float(random.uniform(0, 20)),
             risk=risk,
             ce90_m=18.0,
+            camera_ce_m=ce_m + 5.0,
+            camera_ce90_m=20.0,
         )
 
     rows = []
@@ -70,7 +73,7 @@ def write_folder(
     folder: Path, rows: tuple[FrameRow, ...] = FIVE_ROWS, with_truth: bool = True
 ) -> Path:
     """Write a results folder that holds just what the report reads of these rows."""
-    errors = ["ce_m", "mace_m", "prior_ce_m"] if with_truth else []
+    errors = ["ce_m", "mace_m", "camera_ce_m", "prior_ce_m"] if with_truth else []
     table = [_cells(row, errors) for row in rows]
     folder.mkdir(parents=True)
     with (folder / "frames.csv").open("w", encoding="utf-8", newline="") as handle:
@@ -95,7 +98,10 @@ def _cells(row: FrameRow, errors: list[str]) -> dict[str, str]:
     if row.single is not None:
         single = _cells(row.single, errors)
         absent = ("frame", "lat", "lon", "prior_lat", "prior_lon", "prior_ce_m")
-        cells |= {f"single_{name}": cell for name, cell in single.items() if name not in absent}
+        camera = ("camera_ce_m", "camera_ce90_m")
+        cells |= {
+            f"single_{name}": cell for name, cell in single.items() if name not in absent + camera
+        }
     return cells
 
 

@@ -14,6 +14,7 @@ START_UTC_S = 1_700_000_000.0
 LAT_DEG, LON_DEG = 47.0, 8.0
 NORTH_DEG_S, EAST_DEG_S = 9e-5, 4e-5
 HEIGHT_M = 120.0
+TAKE_OFF_AMSL_M = 400.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +22,8 @@ class FlightPlan:
     """One flight and the faults of its clocks.
 
     ``record_error_s`` is the ground station's clock minus UTC, ``system_time_error_s`` the
-    vehicle's (None: no SYSTEM_TIME), ``delay_s`` the largest random delay of the radio.
+    vehicle's (None: no SYSTEM_TIME), ``delay_s`` the largest random delay of the radio,
+    ``amsl_m`` the take-off's altitude (None: the log does not know it).
     """
 
     start_utc_s: float = START_UTC_S
@@ -33,6 +35,7 @@ class FlightPlan:
     height_m: float = HEIGHT_M
     gap_s: tuple[float, float] = (0.0, 0.0)
     attitude: bool = True
+    amsl_m: float | None = TAKE_OFF_AMSL_M
 
 
 def true_lat_lon_deg(time_utc_s: float) -> tuple[float, float]:
@@ -62,13 +65,18 @@ def write_flight(log: TlogWriter, plan: FlightPlan | None = None, seed: int = 0)
         if index % 5 == 0 and plan.system_time_error_s is not None:
             unix_usec = round((utc_s + plan.system_time_error_s) * 1e6)
             log.write(record_s, "SYSTEM_TIME", time_unix_usec=unix_usec, time_boot_ms=boot_ms)
-        write_position(log, record_s, boot_ms, utc_s, plan.height_m)
+        write_position(log, record_s, boot_ms, utc_s, plan.height_m, plan.amsl_m)
         if plan.attitude:
             write_attitude(log, record_s, boot_ms, utc_s)
 
 
 def write_position(
-    log: TlogWriter, record_s: float, boot_ms: int, utc_s: float, height_m: float = HEIGHT_M
+    log: TlogWriter,
+    record_s: float,
+    boot_ms: int,
+    utc_s: float,
+    height_m: float = HEIGHT_M,
+    amsl_m: float | None = TAKE_OFF_AMSL_M,
 ) -> None:
     """Write one GLOBAL_POSITION_INT of the true flight."""
     lat_deg, lon_deg = true_lat_lon_deg(utc_s)
@@ -78,7 +86,7 @@ def write_position(
         time_boot_ms=boot_ms,
         lat=round(lat_deg * 1e7),
         lon=round(lon_deg * 1e7),
-        alt=round((height_m + 400.0) * 1000.0),
+        alt=round((0.0 if amsl_m is None else height_m + amsl_m) * 1000.0),
         relative_alt=round(height_m * 1000.0),
         vx=0,
         vy=0,

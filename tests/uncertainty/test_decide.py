@@ -15,7 +15,13 @@ from uasthn_cli.config import (
 )
 from uasthn_cli.geometry.corners import image_corners_px
 from uasthn_cli.types import FloatArray, Reason
-from uasthn_cli.uncertainty.decide import impossible_corners, rejection_reason, scalar_uncertainty
+from uasthn_cli.uncertainty.decide import (
+    Rejection,
+    impossible_corners,
+    rejection,
+    scalar_uncertainty,
+    told_apart,
+)
 
 FULL = image_corners_px(64, 48)
 STD_M = np.array([[4.0, 5.0], [6.0, 7.0], [8.0, 9.0], [10.0, 19.0]])
@@ -30,7 +36,13 @@ def reason_of(
     risk: float = math.nan,
     max_risk: float | None = None,
 ) -> Reason | None:
-    return rejection_reason(uncertainty_m, confidence, risk, WINDOW_M, config, max_risk)
+    found = rejection(uncertainty_m, confidence, risk, WINDOW_M, config, max_risk)
+    return found.reason if found else None
+
+
+def corners_reason(corners_px: FloatArray) -> Reason | None:
+    found = impossible_corners(FULL, corners_px, 0.25)
+    return found.reason if found else None
 
 
 @pytest.mark.parametrize(
@@ -117,12 +129,12 @@ def test_a_spread_that_is_no_number_is_uncertain() -> None:
 
 @pytest.mark.parametrize("scale", [0.74, 1.26])
 def test_a_footprint_of_another_size_is_implausible(scale: float) -> None:
-    assert impossible_corners(FULL, FULL * scale, 0.25) is Reason.IMPLAUSIBLE_SCALE
+    assert corners_reason(FULL * scale) is Reason.IMPLAUSIBLE_SCALE
 
 
 @pytest.mark.parametrize("scale", [0.76, 1.24])
 def test_a_footprint_of_about_its_size_is_plausible(scale: float) -> None:
-    assert impossible_corners(FULL, FULL * scale, 0.25) is None
+    assert corners_reason(FULL * scale) is None
 
 
 def not_finite() -> FloatArray:
@@ -142,9 +154,62 @@ def not_finite() -> FloatArray:
     ids=["mirrored", "crossed", "dented", "not finite"],
 )
 def test_what_no_camera_sees_is_degenerate(corners_px: FloatArray) -> None:
-    assert impossible_corners(FULL, corners_px, 0.25) is Reason.DEGENERATE_HOMOGRAPHY
+    assert corners_reason(corners_px) is Reason.DEGENERATE_HOMOGRAPHY
 
 
 def test_degenerate_is_graver_than_implausible() -> None:
     crossed = 2 * FULL[[0, 1, 3, 2]]
-    assert impossible_corners(FULL, crossed, 0.25) is Reason.DEGENERATE_HOMOGRAPHY
+    assert corners_reason(crossed) is Reason.DEGENERATE_HOMOGRAPHY
+
+
+@pytest.mark.parametrize(
+    ("signals", "config", "max_risk", "detail"),
+    [
+        ((4.0, 0.2, 0.1), DecisionConfig(), None, "confidence 0.20 of 0.30 needed"),
+        ((4.0, 0.9, 0.09), DecisionConfig(), 0.05, "risk 0.09, at most 0.05"),
+        ((4.0, 0.9, 0.0512), DecisionConfig(), 0.0508, "risk 0.0512, at most 0.0508"),
+        ((4.0, 0.9, math.nan), DecisionConfig(), 0.05, "risk unknown, at most 0.05"),
+        (
+            (12.346, 0.9, 0.0),
+            DecisionConfig(),
+            None,
+            "frame and views disagree by 12.35 m, at most 10.00 m",
+        ),
+        (
+            (12.3, 0.9, 0.0),
+            DecisionConfig(max_std_px=4.0),
+            0.5,
+            "frame and views disagree by 12.30 m, at most 8.00 m",
+        ),
+    ],
+)
+def test_a_rejection_says_what_is_missing_and_by_how_much(
+    signals: tuple[float, float, float],
+    config: DecisionConfig,
+    max_risk: float | None,
+    detail: str,
+) -> None:
+    found = rejection(*signals, WINDOW_M, config, max_risk)
+    assert isinstance(found, Rejection)
+    assert found.detail == detail
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"),
+    [
+        (1.5, "1.50 times as wide as height and camera have it, at most 1.25"),
+        (0.5, "0.50 times as wide as height and camera have it, at least 0.75"),
+    ],
+)
+def test_an_implausible_footprint_says_its_scale(scale: float, words: str) -> None:
+    found = impossible_corners(FULL, FULL * scale, 0.25)
+    assert found is not None
+    assert words in found.detail
+
+
+@given(value=st.floats(0, 1), limit=st.floats(0, 1))
+def test_numbers_that_differ_by_a_millionth_are_told_apart(value: float, limit: float) -> None:
+    found, shown = told_apart(value, limit)
+    assert abs(float(found) - value) <= 0.005
+    if abs(value - limit) > 1.1e-6:
+        assert (float(found) < float(shown)) == (value < limit)

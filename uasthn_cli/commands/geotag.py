@@ -47,6 +47,9 @@ has at 12:00:02.5:
 Interrupted? Give the same command again: it goes on where it stopped.
 """
 
+_REASONS_EXPLAINED: Final = 3
+"""The commonest ones: a line each."""
+
 input_option = section_option("Input")
 
 
@@ -205,7 +208,8 @@ def require_known_crs(crs: str | None) -> None:
 
 
 def say_summary(results: "Sequence[FrameResult]") -> None:
-    """Say how many frames were accepted, and why the others were not."""
+    """Say how many frames were accepted, and why the others were not, with an example each."""
+    from uasthn_cli.outputs.formatting import frame_of
     from uasthn_cli.outputs.run_record import counts
 
     figures = counts(results)
@@ -213,3 +217,7 @@ def say_summary(results: "Sequence[FrameResult]") -> None:
     by_reason = sorted(figures["reasons"].items(), key=lambda item: -item[1])
     if by_reason:
         say("Not accepted: " + ", ".join(f"{count} {reason}" for reason, count in by_reason))
+    for reason, _ in by_reason[:_REASONS_EXPLAINED]:
+        example = next(result for result in results if result.reason == reason)
+        if example.detail:
+            say(f"  {reason}, for example {frame_of(example).name}: {example.detail}")

@@ -52,6 +52,7 @@ def _geotag_config(
     aggregation: str | None,
     fuse: bool,
     map_error_m: float,
+    attitude_error_deg: float,
     max_std: tuple[float, str] | None,
     rule: str,
     min_confidence: float | None,
@@ -72,6 +73,7 @@ def _geotag_config(
         aggregation=None if aggregation is None else Aggregation(aggregation),
         fuse=fuse,
         map_error_m=map_error_m,
+        attitude_error_deg=attitude_error_deg,
         decision=DecisionConfig(
             max_std_m=limit if unit == "m" else None,
             max_std_px=limit if unit == "px" else None,
@@ -151,6 +153,16 @@ matching_options: Final = gathered(
         show_default=True,
         help="Standard deviation of the map's own registration, each way: part of every"
         " uncertainty.",
+    ),
+    trust_option(
+        "--attitude-error",
+        "attitude_error_deg",
+        type=FiniteRange(min=0),
+        default=_CONFIG.attitude_error_deg,
+        metavar="DEG",
+        show_default=True,
+        help="Standard deviation of the camera's roll, and of its pitch, mount included, where the"
+        " flight does not tell: part of the uncertainty of the camera's position.",
     ),
     trust_option(
         "--ue",

@@ -60,8 +60,8 @@ gate_option = section_option("Gates (exit code 4 when one is missed)")
     "with_trust",
     is_flag=True,
     help="Show also how well the stated uncertainties tell wrong answers: area under the ROC (AUC)"
-    " and under the risk-coverage curve (AURC) per signal, coverage of the predicted CE90,"
-    " calibration error of the predicted risk. --json always has them.",
+    " and under the risk-coverage curve (AURC) per signal, calibration error of the predicted risk."
+    " --json always has them.",
 )
 @picture_option(
     "--figures",
@@ -128,8 +128,9 @@ def report(
 
     Shows frames, accepted fraction (the paper's success rate) and reasons. Runs with --truth also
     show CE, the distance of the frame centre from the truth, MACE, the mean distance of its four
-    corners, and the shares of frames within the tolerance: of all frames, where one without an
-    estimate counts as not within, and of the accepted ones. Several runs stand side by side.
+    corners, camera CE, that of the camera where the truth has it, and shares: of frames within the
+    tolerance (of all, where one without an estimate counts as not within, and of the accepted
+    ones), and of errors within the CE90 that was stated. Several runs stand side by side.
     """
     from uasthn_cli.report.gates import Gates, missed_gates
 
@@ -160,7 +161,12 @@ def print_report(
         ResultsError: a folder holds no finished run.
     """
     from uasthn_cli.report.load import load_run
-    from uasthn_cli.report.render import report_json, report_table
+    from uasthn_cli.report.render import (
+        INTERVALS_IN_WORDS,
+        reasons_in_words,
+        report_json,
+        report_table,
+    )
 
     runs = [load_run(folder) for folder in folders]
     columns = [_column(run, tolerance_m, with_prior) for run in runs]
@@ -168,6 +174,8 @@ def print_report(
         click.echo(report_json(columns))
     else:
         print_table(report_table(columns, with_trust))
+        for line in (INTERVALS_IN_WORDS, *reasons_in_words(columns)):
+            click.echo(line)
     return runs
 
 

@@ -31,6 +31,12 @@ def rotation_ned_from_body(attitude: Attitude) -> FloatArray:
     )
 
 
+def turned_attitude(attitude: Attitude, mount_yaw_rad: float) -> Attitude:
+    """Return the attitude of axes that are turned about the down axis of a body, clockwise."""
+    turn = rotation_ned_from_body(Attitude(0.0, 0.0, mount_yaw_rad))
+    return attitude_from_rotation(rotation_ned_from_body(attitude) @ turn)
+
+
 def attitude_from_rotation(rotation: FloatArray) -> Attitude:
     """Return roll, pitch, yaw of a rotation ``(3, 3)`` from body axes to north-east-down.
 

@@ -48,6 +48,9 @@ _HEIGHT_MESSAGES: Final = (
 )
 """Message, height source, slant range: a DISTANCE_SENSOR tells its limits, so it comes first."""
 
+NO_ALTITUDE: Final = "none"
+"""Source of the altitude in a log that has none."""
+
 _Vehicle = tuple[int, int]
 _Rows = dict[str, dict[_Vehicle, Records]]
 
@@ -175,13 +178,18 @@ def _system_times(records: Records) -> SystemTimes:
 
 
 def _positions(message: str, records: Records) -> Positions:
-    lat_deg, lon_deg, height_m = records.columns
+    lat_deg, lon_deg, height_m, alt_amsl_m = records.columns
+    altitude_source = f"{message}.alt"
+    if not alt_amsl_m.any():  # a sender that does not know it leaves the field at 0
+        alt_amsl_m, altitude_source = np.full_like(alt_amsl_m, np.nan), NO_ALTITUDE
     if message == "GLOBAL_POSITION_INT":
         source = "relative_alt"
     else:
         # GPS_RAW_INT knows only mean sea level: take the first fix as the height of home.
         source, height_m = "gps_altitude_above_first_fix", height_m - height_m[0]
-    return Positions(records.stamps, lat_deg, lon_deg, height_m, message, source)
+    return Positions(
+        records.stamps, lat_deg, lon_deg, height_m, alt_amsl_m, message, source, altitude_source
+    )
 
 
 def _camera_events(name: str, records: Records) -> CameraEvents:

@@ -39,7 +39,8 @@ def _global_position(message: Any) -> Reading | None:
     lat_deg, lon_deg = message.lat * 1e-7, message.lon * 1e-7
     if not _is_place(lat_deg, lon_deg):
         return None
-    return Reading(message.time_boot_ms * 1e-3, (lat_deg, lon_deg, message.relative_alt * 1e-3))
+    values = (lat_deg, lon_deg, message.relative_alt * 1e-3, message.alt * 1e-3)
+    return Reading(message.time_boot_ms * 1e-3, values)
 
 
 def _gps_raw(message: Any) -> Reading | None:
@@ -47,7 +48,8 @@ def _gps_raw(message: Any) -> Reading | None:
     if message.fix_type < _MIN_FIX or not _is_place(lat_deg, lon_deg):
         return None
     boot_s, _ = _split_usec(message.time_usec)
-    return Reading(boot_s, (lat_deg, lon_deg, message.alt * 1e-3))
+    alt_amsl_m = message.alt * 1e-3
+    return Reading(boot_s, (lat_deg, lon_deg, alt_amsl_m, alt_amsl_m))
 
 
 def _attitude(message: Any) -> Reading | None:

@@ -48,14 +48,15 @@ _log = logging.getLogger(__name__)
 class PriorSet:
     """Priors of a flight in the order of its frames, and on what they rest.
 
-    ``height_source`` and ``attitude_source`` name the log's fields; where frames differ, the
-    commonest comes first and the others follow after commas.
+    ``height_source``, ``altitude_source`` and ``attitude_source`` name the log's fields; where
+    frames differ, the commonest comes first and the others follow after commas.
     """
 
     results: list[Prior | FrameFailure]
     time_base: TimeBaseChoice
     frame_times: FrameTimes
     height_source: str
+    altitude_source: str
     attitude_source: str
 
 
@@ -107,6 +108,7 @@ def build_priors(
         time_base=choice,
         frame_times=times,
         height_source=_commonest([r.height_source for r in results if isinstance(r, Prior)]),
+        altitude_source=telemetry.positions.altitude_source,
         attitude_source="attitude" if gimbal is None else gimbal.message.lower(),
     )
 
@@ -128,7 +130,7 @@ def look_up(
 
 def _tracks(telemetry: Telemetry, clock: Clock) -> _Tracks:
     positions, attitudes = telemetry.positions, telemetry.attitudes
-    place = (positions.lat_deg, positions.lon_deg, positions.height_m)
+    place = (positions.lat_deg, positions.lon_deg, positions.height_m, positions.alt_amsl_m)
     angles = (attitudes.roll_rad, attitudes.pitch_rad, attitudes.yaw_rad)
     return _Tracks(
         positions=make_track("position", clock, positions.stamps, place),
@@ -156,11 +158,12 @@ def _result(
         return FrameFailure(frame, Reason.OUTSIDE_LOG, str(error), time_s)
     except AmbiguousTimeError as error:
         return FrameFailure(frame, Reason.NO_PRIOR, str(error), time_s)
-    height_m, source = _height(tracks, time_s, body, float(place[2]), config)
+    lat_deg, lon_deg, above_start_m, alt_amsl_m = place.tolist()
+    height_m, source = _height(tracks, time_s, body, above_start_m, config)
     if height_m < MIN_HEIGHT_M:
         detail = f"on the ground: {height_m:.1f} m above it by {source}"
         return FrameFailure(frame, Reason.NO_PRIOR, detail, time_s)
-    return Prior(frame, time_s, float(place[0]), float(place[1]), height_m, camera, source)
+    return Prior(frame, time_s, lat_deg, lon_deg, height_m, camera, source, alt_amsl_m)
 
 
 def _height(

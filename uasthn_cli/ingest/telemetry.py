@@ -35,14 +35,20 @@ class Stamps:
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """Positions ``(n,)`` in WGS 84; ``height_source`` names what ``height_m`` is counted from."""
+    """Positions ``(n,)`` in WGS 84; ``height_source`` names what ``height_m`` is counted from.
+
+    ``alt_amsl_m`` is the altitude above mean sea level, NaN throughout where the log has none, and
+    ``altitude_source`` the field that it is read from.
+    """
 
     stamps: Stamps
     lat_deg: FloatArray
     lon_deg: FloatArray
     height_m: FloatArray
+    alt_amsl_m: FloatArray
     message: str
     height_source: str
+    altitude_source: str
 
 
 @dataclass(frozen=True, slots=True)

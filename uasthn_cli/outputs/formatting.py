@@ -8,6 +8,7 @@ from uasthn_cli.types import FrameFailure, FrameFile, FrameResult, Prior
 
 DEGREE_DECIMALS: Final = 8
 METRE_DECIMALS: Final = 3
+ANGLE_DECIMALS: Final = 3
 SHARE_DECIMALS: Final = 4
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from uasthn_cli.outputs.formatting import (
+    ANGLE_DECIMALS,
     DEGREE_DECIMALS,
     METRE_DECIMALS,
     SHARE_DECIMALS,
@@ -101,12 +102,17 @@ def _fix_properties(fix: Fix) -> dict[str, Any]:
     return {
         "accepted": bool(fix.accepted),
         "reason": fix.reason.value if fix.reason else None,
+        "detail": safe_text(fix.detail) or None,
         "u_m": finite_or_none(fix.uncertainty_m, METRE_DECIMALS),
         "offset_m": finite_or_none(fix.offset_m, METRE_DECIMALS),
-        "yaw_deg": finite_or_none(fix.yaw_deg, METRE_DECIMALS),
+        "roll_deg": finite_or_none(fix.roll_deg, ANGLE_DECIMALS),
+        "pitch_deg": finite_or_none(fix.pitch_deg, ANGLE_DECIMALS),
+        "yaw_deg": finite_or_none(fix.yaw_deg, ANGLE_DECIMALS),
         "ce90_m": finite_or_none(fix.trust.ce90_m, METRE_DECIMALS),
+        "camera_ce90_m": finite_or_none(fix.camera_ce90_m, METRE_DECIMALS),
         "risk": finite_or_none(fix.trust.risk, SHARE_DECIMALS),
-        "agl_m": finite_or_none(fix.prior.height_above_ground_m, METRE_DECIMALS),
+        "agl_m": finite_or_none(fix.height_above_ground_m, METRE_DECIMALS),
+        "alt_amsl_m": finite_or_none(fix.alt_amsl_m, METRE_DECIMALS),
         "source": fix.source.value,
     }
 

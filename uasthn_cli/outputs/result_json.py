@@ -17,6 +17,7 @@ from uasthn_cli.types import (
     Attitude,
     CameraModel,
     Fix,
+    FloatArray,
     FrameFailure,
     FrameFile,
     FrameResult,
@@ -127,7 +128,7 @@ def _failure(values: dict[str, Any]) -> FrameFailure:
 
 def _fix(values: dict[str, Any]) -> Fix:
     reason, single = values["reason"], values["single"]
-    covariance = np.array(values["trust"]["covariance_m2"], dtype=np.float64).reshape(2, 2)
+    covariance = _square(values["trust"]["covariance_m2"])
     parts = {
         "prior": _prior(values["prior"]),
         "reason": None if reason is None else Reason(reason),
@@ -135,9 +136,15 @@ def _fix(values: dict[str, Any]) -> Fix:
         "corners_deg": np.array(values["corners_deg"], dtype=np.float64).reshape(4, 2),
         "corner_std_m": np.array(values["corner_std_m"], dtype=np.float64).reshape(4, 2),
         "trust": Trust(**(values["trust"] | {"covariance_m2": covariance})),
+        "camera_covariance_m2": _square(values["camera_covariance_m2"]),
         "single": None if single is None else _fix(single),
     }
     return Fix(**(values | parts))
+
+
+def _square(values: list[list[float]]) -> FloatArray:
+    """Return a covariance ``(2, 2)``."""
+    return np.array(values, dtype=np.float64).reshape(2, 2)
 
 
 def _prior(values: dict[str, Any]) -> Prior:

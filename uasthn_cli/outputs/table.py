@@ -10,6 +10,7 @@ import numpy as np
 
 from uasthn_cli.geometry.geodesy import is_geographic, to_crs
 from uasthn_cli.outputs.formatting import (
+    ANGLE_DECIMALS,
     DEGREE_DECIMALS,
     METRE_DECIMALS,
     SHARE_DECIMALS,
@@ -21,11 +22,12 @@ from uasthn_cli.outputs.formatting import (
 )
 from uasthn_cli.outputs.truth import (
     Truth,
+    camera_error_m,
     center_error_m,
     mean_corner_error_m,
     prior_error_m,
 )
-from uasthn_cli.types import Fix, FrameFailure, FrameResult, Prior, Source, Trust
+from uasthn_cli.types import Fix, FloatArray, FrameFailure, FrameResult, Prior, Source, Trust
 
 CORNERS: Final = ("tl", "tr", "bl", "br")
 _PLACE: Final = ("lat", "lon", "center_lat", "center_lon")
@@ -34,11 +36,13 @@ LEADING_COLUMNS: Final = (
     *("frame", "time_utc", *_PLACE),
     *("accepted", "reason", "u_m", "offset_m"),
     *_CORNER_PLACES,
-    *("prior_lat", "prior_lon", "agl_m", "yaw_deg", "gsd_m", "source"),
+    *("prior_lat", "prior_lon", "agl_m", "alt_amsl_m"),
+    *("roll_deg", "pitch_deg", "yaw_deg", "gsd_m", "source"),
     *(f"u_{corner}_{axis}_m" for corner, axis in product(CORNERS, ("x", "y"))),
 )
 TRUST_COLUMNS: Final = (
     *("ce90_m", "risk", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
+    *("camera_ce90_m", "camera_cov_xx_m2", "camera_cov_xy_m2", "camera_cov_yy_m2"),
     *("confidence", "entropy", "sigma_m", "agreement_m", "support"),
 )
 SINGLE_PREFIX: Final = "single_"
@@ -50,7 +54,6 @@ _SINGLE_PARTS: Final = (
 )
 PROJECTED_COLUMNS: Final = ("x", "y", "center_x", "center_y")
 
-_YAW_DECIMALS: Final = 3
 _RISK_DECIMALS: Final = 6
 _GSD_DECIMALS: Final = 5  # multiplied by hundreds of pixels before it is a distance
 
@@ -61,13 +64,13 @@ def columns(truth: Truth | None, crs: str | None, with_single: bool = False) -> 
     ``with_single`` adds each frame's own answer beside the flight's.
     """
     errors = ["ce_m", "mace_m"] if truth else []
-    prior_error = ["prior_ce_m"] if truth and truth.has_camera else []
+    camera_errors = ["camera_ce_m", "prior_ce_m"] if truth and truth.has_camera else []
     projected = PROJECTED_COLUMNS if crs else ()
     single = [*_SINGLE_PARTS, *errors] if with_single else []
     return [
         *LEADING_COLUMNS,
         *errors,
-        *prior_error,
+        *camera_errors,
         *TRUST_COLUMNS,
         *(SINGLE_PREFIX + name for name in single),
         "detail",
@@ -120,6 +123,7 @@ def _common_cells(result: FrameResult) -> dict[str, str]:
         cells["prior_lat"] = fixed(prior.lat_deg, DEGREE_DECIMALS)
         cells["prior_lon"] = fixed(prior.lon_deg, DEGREE_DECIMALS)
         cells["agl_m"] = fixed(prior.height_above_ground_m, METRE_DECIMALS)
+        cells["alt_amsl_m"] = fixed(prior.alt_amsl_m, METRE_DECIMALS)
     return cells
 
 
@@ -138,13 +142,20 @@ def _fix_cells(fix: Fix) -> dict[str, str]:
         "center_lon": fixed(fix.center_lon_deg, DEGREE_DECIMALS),
         "accepted": "true" if fix.accepted else "false",
         "reason": fix.reason.value if fix.reason else "",
+        "detail": safe_text(fix.detail),
         "u_m": fixed(fix.uncertainty_m, METRE_DECIMALS),
         "offset_m": fixed(fix.offset_m, METRE_DECIMALS),
-        "yaw_deg": fixed(fix.yaw_deg, _YAW_DECIMALS),
+        "agl_m": fixed(fix.height_above_ground_m, METRE_DECIMALS),
+        "alt_amsl_m": fixed(fix.alt_amsl_m, METRE_DECIMALS),
+        "roll_deg": fixed(fix.roll_deg, ANGLE_DECIMALS),
+        "pitch_deg": fixed(fix.pitch_deg, ANGLE_DECIMALS),
+        "yaw_deg": fixed(fix.yaw_deg, ANGLE_DECIMALS),
         "gsd_m": fixed(fix.gsd_m, _GSD_DECIMALS),
         "source": fix.source.value,
     }
     cells |= _trust_cells(fix.trust)
+    cells |= {"camera_ce90_m": fixed(fix.camera_ce90_m, METRE_DECIMALS)}
+    cells |= _covariance_cells("camera_cov", fix.camera_covariance_m2)
     for k, corner in enumerate(CORNERS):
         cells[f"{corner}_lat"] = fixed(fix.corners_deg[k, 0], DEGREE_DECIMALS)
         cells[f"{corner}_lon"] = fixed(fix.corners_deg[k, 1], DEGREE_DECIMALS)
@@ -155,18 +166,24 @@ def _fix_cells(fix: Fix) -> dict[str, str]:
 
 def _trust_cells(trust: Trust) -> dict[str, str]:
     """Return what is known of the error."""
-    covariance = trust.covariance_m2
     return {
         "ce90_m": fixed(trust.ce90_m, METRE_DECIMALS),
         "risk": fixed(trust.risk, _RISK_DECIMALS),
-        "cov_xx_m2": fixed(covariance[0, 0], METRE_DECIMALS),
-        "cov_xy_m2": fixed(covariance[0, 1], METRE_DECIMALS),
-        "cov_yy_m2": fixed(covariance[1, 1], METRE_DECIMALS),
+        **_covariance_cells("cov", trust.covariance_m2),
         "confidence": fixed(trust.confidence, SHARE_DECIMALS),
         "entropy": fixed(trust.entropy_nats, SHARE_DECIMALS),
         "sigma_m": fixed(trust.sigma_m, METRE_DECIMALS),
         "agreement_m": fixed(trust.agreement_m, METRE_DECIMALS),
         "support": fixed(trust.support, SHARE_DECIMALS),
+    }
+
+
+def _covariance_cells(name: str, covariance_m2: FloatArray) -> dict[str, str]:
+    """Return a covariance ``(2, 2)`` (east, north)."""
+    return {
+        f"{name}_xx_m2": fixed(covariance_m2[0, 0], METRE_DECIMALS),
+        f"{name}_xy_m2": fixed(covariance_m2[0, 1], METRE_DECIMALS),
+        f"{name}_yy_m2": fixed(covariance_m2[1, 1], METRE_DECIMALS),
     }
 
 
@@ -191,6 +208,7 @@ def _error_cells(result: FrameResult, truth: Truth | None) -> dict[str, str]:
     if isinstance(result, Fix):
         cells["ce_m"] = fixed(center_error_m(result, true), METRE_DECIMALS)
         cells["mace_m"] = fixed(mean_corner_error_m(result, true), METRE_DECIMALS)
+        cells["camera_ce_m"] = fixed(camera_error_m(result, true), METRE_DECIMALS)
     if result.prior is not None:
         cells["prior_ce_m"] = fixed(prior_error_m(result.prior, true), METRE_DECIMALS)
     return cells

@@ -93,6 +93,13 @@ def center_error_m(fix: Fix, true: TrueFrame) -> float:
     return float(distance_m(estimated, true.center_deg))
 
 
+def camera_error_m(fix: Fix, true: TrueFrame) -> float | None:
+    """Return the distance of estimated and true camera position, None where that is unknown."""
+    if true.camera_deg is None:
+        return None
+    return float(distance_m(np.array([fix.lat_deg, fix.lon_deg]), true.camera_deg))
+
+
 def mean_corner_error_m(fix: Fix, true: TrueFrame) -> float:
     """Return MACE: the mean distance of the four estimated and true ground corners."""
     return float(distance_m(fix.corners_deg, true.corners_deg).mean())

@@ -240,7 +240,15 @@ class FlightStage:
                 attitude.yaw_rad + constants.yaw_to_apply_rad,
             )
             height_m = posed.height_above_ground_m * constants.scale_to_apply
-            corrected.append(replace(moved, attitude=turned, height_above_ground_m=height_m))
+            # the altitude stays as logged: what the scale corrects may be the lens or the ground
+            corrected.append(
+                replace(
+                    moved,
+                    attitude=turned,
+                    height_above_ground_m=height_m,
+                    alt_amsl_m=posed.alt_amsl_m,
+                )
+            )
         return tuple(corrected)
 
 

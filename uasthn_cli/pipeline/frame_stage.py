@@ -29,7 +29,12 @@ from uasthn_cli.types import (
     Trust,
 )
 from uasthn_cli.uncertainty.consensus import spread_of_frame
-from uasthn_cli.uncertainty.decide import impossible_corners, scalar_uncertainty
+from uasthn_cli.uncertainty.decide import (
+    Rejection,
+    impossible_corners,
+    scalar_uncertainty,
+    told_apart,
+)
 from uasthn_cli.uncertainty.methods import OF_CROPS, UncertaintyChoice
 
 _MIN_VALID_FRACTION = 0.5
@@ -88,7 +93,7 @@ class FrameStage:
         likelihood: OffsetLikelihood | None,
     ) -> Fix:
         local, grid = self._matcher.local, self._matcher.grid
-        placed = self._placed(match, H_ortho_window)
+        placed = self._placed(prior, match, H_ortho_window)
         degrees = placed.in_degrees(local)
         prior_deg = np.array([prior.lat_deg, prior.lon_deg])
         offset_m = placed.camera_m - local.to_metres(prior_deg)
@@ -97,7 +102,9 @@ class FrameStage:
         trust = self._trust_model.single(
             likelihood, offset_m, uncertainty_m, match.estimate.confidence, std_m
         )
-        reason = self._reason(match, spread, uncertainty_m, trust)
+        camera = self._trust_model.camera(trust, placed.attitude, prior.height_above_ground_m)
+        roll_deg, pitch_deg, yaw_deg = placed.angles_deg
+        rejection = self._rejection(match, spread, uncertainty_m, trust)
         return Fix(
             prior=prior,
             lat_deg=float(degrees[0, 0]),
@@ -108,19 +115,29 @@ class FrameStage:
             corner_std_m=std_m,
             uncertainty_m=uncertainty_m,
             offset_m=float(distance_m(degrees[0], prior_deg)),
-            yaw_deg=placed.yaw_deg,
+            roll_deg=roll_deg,
+            pitch_deg=pitch_deg,
+            yaw_deg=yaw_deg,
+            height_above_ground_m=prior.height_above_ground_m,
+            alt_amsl_m=prior.alt_amsl_m,
             gsd_m=placed.gsd_m,
             trust=trust,
-            accepted=reason is None,
-            reason=reason,
+            camera_covariance_m2=camera.covariance_m2,
+            camera_ce90_m=camera.ce90_m,
+            accepted=rejection is None,
+            reason=rejection.reason if rejection else None,
+            detail=rejection.detail if rejection else "",
         )
 
-    def _reason(
+    def _rejection(
         self, match: FrameMatch, spread: Spread, uncertainty_m: float, trust: Trust
-    ) -> Reason | None:
+    ) -> Rejection | None:
         """Return why an estimate is rejected; one beyond the map's edge is, whatever else."""
-        if valid_fraction(match.scene.features, spread.corners_px) < _MIN_VALID_FRACTION:
-            return Reason.OFF_MAP
+        on_map = valid_fraction(match.scene.features, spread.corners_px)
+        if on_map < _MIN_VALID_FRACTION:
+            found, least = told_apart(on_map, _MIN_VALID_FRACTION)
+            detail = f"{found} of the footprint found lie on the map, {least} needed"
+            return Rejection(Reason.OFF_MAP, detail)
         limit = self._config.decision.max_scale_error
         return impossible_corners(
             match.views_px[0], spread.corners_px, limit
@@ -128,12 +145,13 @@ class FrameStage:
             uncertainty_m, trust, match.scene.features.box.width_px * self._matcher.grid.gsd_m
         )
 
-    def _placed(self, match: FrameMatch, H_ortho_window: FloatArray) -> Placement:
+    def _placed(self, prior: Prior, match: FrameMatch, H_ortho_window: FloatArray) -> Placement:
         scene = match.scene
         H_ortho_grid = translation(box_origin(scene.features.box)) @ H_ortho_window
         nadir_grid_px = transform_points(H_ortho_grid, scene.thermal.nadir_px[None])[0]
         H_frame_grid = H_ortho_grid @ scene.thermal.H_frame_ortho
-        return place_frame(scene.camera, H_frame_grid, nadir_grid_px, self._matcher.grid)
+        grid = self._matcher.grid
+        return place_frame(scene.camera, prior.attitude, H_frame_grid, nadir_grid_px, grid)
 
 
 def valid_fraction(features: MapFeatures, corners_px: FloatArray) -> float:

@@ -24,7 +24,8 @@ from uasthn_cli.pipeline.flight_stage import (
     agreement_m,
     moved_prior,
 )
-from uasthn_cli.pipeline.trust_model import Agreement, TrustModel
+from uasthn_cli.pipeline.neighbours import neighbours_in_words
+from uasthn_cli.pipeline.trust_model import Agreement, CameraTrust, TrustModel
 from uasthn_cli.types import (
     CameraModel,
     Fix,
@@ -39,6 +40,7 @@ from uasthn_cli.types import (
     Source,
     Trust,
 )
+from uasthn_cli.uncertainty.decide import Rejection
 
 _log = logging.getLogger(__name__)
 
@@ -92,6 +94,7 @@ def fused_results(
     offsets_m, covariances_m2 = fused_offsets_m(flight, likelihoods, grid)
     apart_m = agreement_m(flight.frames, offsets_m, local)
     support = support_of(_backing(flight.frames, apart_m))
+    near = near_frames(len(flight.frames))
     answers: dict[str, Fix] = {}
     for index, (frame, camera) in enumerate(zip(flight.frames, cameras, strict=True)):
         moved_m = offsets_m[index] - flight.offsets_m[index]
@@ -105,8 +108,14 @@ def fused_results(
         agreement = Agreement(float(apart_m[index]), float(support[index]))
         uncertainty_m = frame.single.uncertainty_m if frame.single else math.nan
         trust = trust_model.fused(summary, covariances_m2[index], agreement, uncertainty_m)
-        reason = _reason(frame) or trust_model.rejection_of_fused(trust)
-        answers[frame.prior.frame.name] = _fix(frame, placed, trust, reason, local)
+        rejection = _own_rejection(frame)
+        if rejection is None and (judged := trust_model.rejection_of_fused(trust)):
+            said = neighbours_in_words(flight.frames, apart_m, near[index], index)
+            rejection = Rejection(judged.reason, f"{judged.detail}: {said}")
+        camera_trust = trust_model.camera(trust, placed.attitude, posed.height_above_ground_m)
+        answers[frame.prior.frame.name] = _fix(
+            frame, posed, placed, trust, camera_trust, rejection, local
+        )
     return [answers.get(_name(entry.result), entry.result) for entry in located]
 
 
@@ -139,11 +148,16 @@ def support_of(backing: FloatArray) -> FloatArray:
     ``backing`` ``(T,)`` in 0..1; a frame counts among its own neighbours. Near the ends of a flight
     more of them lie on one side: fewer would agree by chance more often.
     """
-    total, width = len(backing), 2 * _NEIGHBOURS + 1
     sums = np.concatenate([[0.0], np.cumsum(backing)])
-    first = np.clip(np.arange(total) - _NEIGHBOURS, 0, max(total - width, 0))
-    last = np.minimum(first + width, total)
-    return np.asarray((sums[last] - sums[first]) / (last - first))
+    ends = np.array([(near.start, near.stop) for near in near_frames(len(backing))]).reshape(-1, 2)
+    return np.asarray((sums[ends[:, 1]] - sums[ends[:, 0]]) / (ends[:, 1] - ends[:, 0]))
+
+
+def near_frames(total: int) -> list[range]:
+    """Return for each of so many frames the 25 nearest, itself among them."""
+    width = 2 * _NEIGHBOURS + 1
+    first = np.clip(np.arange(total) - _NEIGHBOURS, 0, max(total - width, 0)).tolist()
+    return [range(start, min(start + width, total)) for start in first]
 
 
 def _placed(camera: CameraModel, prior: Prior, local: LocalFrame) -> Placement | None:
@@ -166,19 +180,28 @@ def place_from_geometry(camera: CameraModel, prior: Prior, local: LocalFrame) ->
     nadir_px = position_m * (1.0, -1.0)
     flipped = np.diag([1.0, -1.0, 1.0])
     H_frame_grid = translation(nadir_px) @ flipped @ H_frame_ground
-    return place_frame(camera, H_frame_grid, nadir_px, _METRE_GRID)
+    return place_frame(camera, prior.attitude, H_frame_grid, nadir_px, _METRE_GRID)
 
 
-def _reason(frame: FlightFrame) -> Reason | None:
+def _own_rejection(frame: FlightFrame) -> Rejection | None:
     """Return why a fused answer cannot be accepted whatever the flight says."""
-    own = frame.result.reason
-    return own if own in {Reason.OFF_MAP, Reason.TEXTURELESS} else None
+    own = frame.result
+    if own.reason in {Reason.OFF_MAP, Reason.TEXTURELESS}:
+        return Rejection(own.reason, own.detail)
+    return None
 
 
 def _fix(
-    frame: FlightFrame, placed: Placement, trust: Trust, reason: Reason | None, local: LocalFrame
+    frame: FlightFrame,
+    posed: Prior,
+    placed: Placement,
+    trust: Trust,
+    camera_trust: CameraTrust,
+    rejection: Rejection | None,
+    local: LocalFrame,
 ) -> Fix:
     degrees = placed.in_degrees(local)
+    roll_deg, pitch_deg, yaw_deg = placed.angles_deg
     prior, single = frame.prior, frame.single
     prior_deg = np.array([prior.lat_deg, prior.lon_deg])
     unknown = np.full((4, 2), np.nan)
@@ -192,11 +215,18 @@ def _fix(
         corner_std_m=single.corner_std_m if single else unknown,
         uncertainty_m=single.uncertainty_m if single else math.nan,
         offset_m=float(distance_m(degrees[0], prior_deg)),
-        yaw_deg=placed.yaw_deg,
+        roll_deg=roll_deg,
+        pitch_deg=pitch_deg,
+        yaw_deg=yaw_deg,
+        height_above_ground_m=posed.height_above_ground_m,
+        alt_amsl_m=posed.alt_amsl_m,
         gsd_m=placed.gsd_m,
         trust=trust,
-        accepted=reason is None,
-        reason=reason,
+        camera_covariance_m2=camera_trust.covariance_m2,
+        camera_ce90_m=camera_trust.ce90_m,
+        accepted=rejection is None,
+        reason=rejection.reason if rejection else None,
+        detail=rejection.detail if rejection else "",
         source=Source.FUSED,
         single=single,
     )

@@ -166,6 +166,8 @@ class Run:
             "frame_times": times.why,
             "pairing": times.pairing and times.pairing.describe(self.names),
             "height_source": self.priors.height_source,
+            "altitude_source": self.priors.altitude_source,
+            "attitude_source": self.priors.attitude_source,
             "estimator": self._search_matcher.estimator.name,
             "uncertainty": self._described_uncertainty(),
             "map_pixel_m": round(self._map_pixel_m, 6),

@@ -13,9 +13,10 @@ from uasthn_cli.fusion.offsets import (
     posterior_of,
     summarise_posterior,
 )
-from uasthn_cli.types import FloatArray, OffsetLikelihood, Reason, Trust
+from uasthn_cli.geometry.camera_error import camera_covariance_m2
+from uasthn_cli.types import Attitude, FloatArray, OffsetLikelihood, Reason, Trust
 from uasthn_cli.uncertainty.calibration import Calibration, Judgement
-from uasthn_cli.uncertainty.decide import rejection_reason
+from uasthn_cli.uncertainty.decide import Rejection, rejection, told_apart
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,14 @@ class Agreement:
 
 
 ALONE = Agreement(math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraTrust:
+    """Covariance ``(2, 2)`` (east, north) of a camera's position, and its 90 % radius."""
+
+    covariance_m2: FloatArray
+    ce90_m: float
 
 
 class TrustModel:
@@ -84,26 +93,45 @@ class TrustModel:
         }
         return self._trust(summary, covariance_m2, signals, self._fused, agreement)
 
+    def camera(
+        self,
+        centre: Trust,
+        attitude: Attitude,
+        height_m: float,
+        tilt_covariance_rad2: FloatArray | None = None,
+    ) -> CameraTrust:
+        """Return what is known of the error of the camera's position.
+
+        ``attitude`` is the camera's, the top of its image forward. ``tilt_covariance_rad2``
+        ``(2, 2)`` of roll and pitch is what the flight tells of its error; without it (None) each
+        is as uncertain as the configuration says.
+        """
+        if tilt_covariance_rad2 is None:
+            tilt_covariance_rad2 = np.eye(2) * math.radians(self._config.attitude_error_deg) ** 2
+        covariance_m2 = camera_covariance_m2(
+            centre.covariance_m2, tilt_covariance_rad2, attitude, height_m
+        )
+        return CameraTrust(covariance_m2, ce90_of(covariance_m2))
+
     def rejection_of_single(
         self, uncertainty_m: float, trust: Trust, window_m: float
-    ) -> Reason | None:
+    ) -> Rejection | None:
         """Return why a frame's own answer is not to be trusted, or None."""
         limit = None if self._single is None else self._single.max_risk
         config = self._config.decision
-        return rejection_reason(
-            uncertainty_m, trust.confidence, trust.risk, window_m, config, limit
-        )
+        return rejection(uncertainty_m, trust.confidence, trust.risk, window_m, config, limit)
 
-    def rejection_of_fused(self, trust: Trust) -> Reason | None:
+    def rejection_of_fused(self, trust: Trust) -> Rejection | None:
         """Return why a fused answer is not to be trusted, or None; its views' spread plays no part.
 
         Whatever the calibration says, most near frames must agree alone.
         """
         if not trust.support > MIN_SUPPORT:
-            return Reason.UNSUPPORTED
+            found, least = told_apart(trust.support, MIN_SUPPORT)
+            return Rejection(Reason.UNSUPPORTED, f"support {found}, more than {least} needed")
         config = self._config.decision
         limit = None if self._fused is None else self._fused.max_risk
-        return rejection_reason(0.0, trust.confidence, trust.risk, 0.0, config, limit)
+        return rejection(0.0, trust.confidence, trust.risk, 0.0, config, limit)
 
     def _trust(
         self,

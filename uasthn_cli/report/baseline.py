@@ -20,4 +20,4 @@ def prior_accuracy(run: RunResults, tolerance_m: float = TOLERANCE_M) -> Accurac
     has_prior = np.array([row.has_prior for row in run.rows], dtype=np.bool_)
     no_corners = np.full(len(run.rows), np.nan)
     ce_m = column(run.rows, "prior_ce_m")
-    return accuracy_of(run.rows, ce_m, no_corners, has_prior, tolerance_m)
+    return accuracy_of(run.rows, ce_m, no_corners, ce_m, has_prior, tolerance_m)

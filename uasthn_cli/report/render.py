@@ -5,12 +5,29 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from uasthn_cli.report.metrics import Accuracy, Summary
+from uasthn_cli.report.intervals import Interval
+from uasthn_cli.report.metrics import (
+    LEAST_CHECKPOINTS,
+    Accuracy,
+    ErrorStatistics,
+    HorizontalAccuracy,
+    Summary,
+)
 from uasthn_cli.report.trust_summary import SIGNALS, SignalWorth, TrustSummary
 
 _NONE = "-"
+_SHOWN_IF_KNOWN = ("camera CE", "CE90 coverage")
+"""Rows that are left out where no run has them: not every truth has camera positions."""
+_REASONS_EXPLAINED = 3
+
+INTERVALS_IN_WORDS = (
+    "In brackets: 95 % intervals, as if frames were independent. Those of one flight share errors:"
+    " for the next flight, figures may lie farther out."
+)
+"""What is to be said below a table."""
+
 _SINGLE = "single: "
-_STATISTICS = {"mean_m": "mean", "median_m": "median", "p90_m": "90 %"}
+_STATISTICS = {"mean_m": "mean", "rmse_m": "RMSE", "median_m": "median", "p90_m": "90 %"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +64,7 @@ def report_table(columns: Sequence[ReportColumn], with_trust: bool = False) -> l
     for column in columns:
         header.append(column.name)
         run = dict(_run_cells(column.summary, reasons))
+        run |= dict(_coverage_cells(column.trust))
         if with_trust:
             run |= {f"source: {name}": str(n) for name, n in column.summary.sources.items()}
             run |= _trust_cells(column, signals)
@@ -56,8 +74,31 @@ def report_table(columns: Sequence[ReportColumn], with_trust: bool = False) -> l
         if column.prior is not None:
             header.append(f"prior of {column.name}")
             cells.append(dict(_accuracy_cells(column.prior, column.summary.tolerance_m)))
-    labels = dict.fromkeys(label for run in cells for label in run)
+    known = {label for run in cells for label, cell in run.items() if cell != _NONE}
+    labels = [
+        label
+        for label in dict.fromkeys(label for run in cells for label in run)
+        if label in known or not label.startswith(_SHOWN_IF_KNOWN)
+    ]
     return [header, *([label, *(run.get(label, _NONE) for run in cells)] for label in labels)]
+
+
+def reasons_in_words(columns: Sequence[ReportColumn]) -> list[str]:
+    """Return a line per run and reason, the commonest first, with an example of what was missing.
+
+    At most ``_REASONS_EXPLAINED`` reasons of each run.
+    """
+    lines = []
+    for column in columns:
+        reasons, examples = column.summary.reasons, column.summary.examples
+        commonest = sorted(examples, key=lambda reason: -reasons[reason])
+        for reason in commonest[:_REASONS_EXPLAINED]:
+            run = f"{column.name}: " if len(columns) > 1 else ""
+            example = examples[reason]
+            lines.append(
+                f"{run}{reasons[reason]} {reason}, for example {example.frame}: {example.detail}"
+            )
+    return lines
 
 
 def _json_object(column: ReportColumn) -> dict[str, Any]:
@@ -89,7 +130,7 @@ def _run_cells(summary: Summary, reasons: Sequence[str]) -> Iterator[tuple[str, 
     yield "frames", str(summary.frames)
     yield "with estimate", str(summary.with_estimate)
     yield "accepted", str(summary.accepted)
-    yield "accepted fraction", _fraction(summary.accepted_fraction)
+    yield "accepted fraction", _share(summary, "accepted_fraction")
     for reason in reasons:
         yield f"reason: {reason}", str(summary.reasons.get(reason, 0))
     if summary.accuracy is not None:
@@ -99,7 +140,7 @@ def _run_cells(summary: Summary, reasons: Sequence[str]) -> Iterator[tuple[str, 
 def _single_cells(single: ReportColumn, signals: Sequence[str] | None) -> Iterator[tuple[str, str]]:
     """Yield what each frame alone would have given; with its trust if ``signals`` are given."""
     accuracy, tolerance_m = single.summary.accuracy, single.summary.tolerance_m
-    yield f"{_SINGLE}accepted fraction", _fraction(single.summary.accepted_fraction)
+    yield f"{_SINGLE}accepted fraction", _share(single.summary, "accepted_fraction")
     if accuracy is not None:
         for label, cell in _accuracy_cells(accuracy, tolerance_m):
             if label.startswith(("CE median", "CE 90 %", "within")):
@@ -121,9 +162,16 @@ def _trust_cells(column: ReportColumn, signals: Sequence[str]) -> Iterator[tuple
     for name in signals:
         yield f"AURC by {name}", _of_answers(trust.signals[name], "aurc", trust.judged)
     yield "AURC of the ideal order", _fraction(trust.ideal_aurc)
-    yield "CE90 coverage, all", _fraction(trust.ce90_coverage_all)
-    yield "CE90 coverage, accepted", _fraction(trust.ce90_coverage_accepted)
     yield "calibration error of risk", _fraction(trust.expected_calibration_error)
+
+
+def _coverage_cells(trust: TrustSummary | None) -> Iterator[tuple[str, str]]:
+    """Yield the shares of errors within their stated 90 % radius, of centre and camera."""
+    if trust is None:
+        return
+    for measure, name in (("CE90", "ce90"), ("camera CE90", "camera_ce90")):
+        for frames in ("all", "accepted"):
+            yield f"{measure} coverage, {frames}", _share(trust, f"{name}_coverage_{frames}")
 
 
 def _of_answers(worth: SignalWorth, figure: str, judged: int) -> str:
@@ -135,22 +183,48 @@ def _of_answers(worth: SignalWorth, figure: str, judged: int) -> str:
 
 def _accuracy_cells(accuracy: Accuracy, tolerance_m: float) -> Iterator[tuple[str, str]]:
     """Yield labels and cells of errors against truth."""
-    for frames, mace, ce in (
-        ("all", accuracy.mace_all, accuracy.ce_all),
-        ("accepted", accuracy.mace_accepted, accuracy.ce_accepted),
+    for frames, mace, ce, camera in (
+        ("all", accuracy.mace_all, accuracy.ce_all, accuracy.camera_ce_all),
+        ("accepted", accuracy.mace_accepted, accuracy.ce_accepted, accuracy.camera_ce_accepted),
     ):
-        for measure, statistics in (("MACE", mace), ("CE", ce)):
+        for measure, statistics in (("MACE", mace), ("CE", ce), ("camera CE", camera)):
             for name, label in _STATISTICS.items():
-                yield f"{measure} {label}, {frames} [m]", _metres(getattr(statistics, name))
-    yield f"within {tolerance_m:g} m, all", _fraction(accuracy.within_all)
-    yield f"within {tolerance_m:g} m, accepted", _fraction(accuracy.within_accepted)
+                if measure != "MACE" or name != "rmse_m":
+                    yield f"{measure} {label}, {frames} [m]", _metres(statistics, name)
+    yield "ASPRS class, accepted [m]", _asprs_class(accuracy.asprs_2023)
+    yield f"within {tolerance_m:g} m, all", _share(accuracy, "within_all")
+    yield f"within {tolerance_m:g} m, accepted", _share(accuracy, "within_accepted")
     if accuracy.without_truth:
         yield "estimates without truth", str(accuracy.without_truth)
 
 
-def _metres(value: float | None) -> str:
-    """Return metres with two decimals."""
-    return _NONE if value is None else f"{value:.2f}"
+def _asprs_class(found: HorizontalAccuracy) -> str:
+    """Return the class of horizontal accuracy, or of how few checkpoints there is none."""
+    if found.class_m is None:
+        return f"none ({found.checkpoints} of {LEAST_CHECKPOINTS} checkpoints)"
+    return f"{found.class_m:.2f} ({found.checkpoints} checkpoints)"
+
+
+def _metres(statistics: ErrorStatistics, name: str) -> str:
+    """Return metres with two decimals, and the interval."""
+    return _with_interval(getattr(statistics, name), statistics.intervals.get(name), 2)
+
+
+def _share(figures: Summary | Accuracy | TrustSummary, name: str) -> str:
+    """Return a share with three decimals, and the interval."""
+    return _with_interval(getattr(figures, name), figures.intervals.get(name), 3)
+
+
+def _with_interval(value: float | None, interval: Interval | None, decimals: int) -> str:
+    """Return a figure and, in brackets, its interval, unless that leaves everything open."""
+    if value is None:
+        return _NONE
+    figure = f"{value:.{decimals}f}"
+    if interval is None or interval == (0.0, None):
+        return figure
+    low, high = interval
+    end = "∞" if high is None else f"{high:.{decimals}f}"
+    return f"{figure} ({low:.{decimals}f}–{end})"
 
 
 def _fraction(value: float | None) -> str:

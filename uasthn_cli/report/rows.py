@@ -20,10 +20,11 @@ _EVIDENCE_OF_AN_ESTIMATE: Final = ("lat", "ce_m", "confidence")
 class FrameRow:
     """An answer to where a frame was, and what it was said to be worth; NaN where that is unknown.
 
-    ``ce_m`` and ``mace_m`` compare the estimate with truth, ``prior_ce_m`` the prior's camera
-    position with the true one. ``risk`` is the predicted probability that CE exceeds the
-    tolerance, ``ce90_m`` the predicted 90 % radius. ``single`` is the answer of the frame alone,
-    where the row's own is fused from several frames.
+    ``detail`` says of a rejected one what was missing. ``ce_m`` and ``mace_m`` compare the estimate
+    with truth, ``prior_ce_m`` the prior's camera position with the true one, ``camera_ce_m`` the
+    estimate's. ``risk`` is the predicted probability that CE exceeds the tolerance, ``ce90_m`` the
+    predicted 90 % radius, ``camera_ce90_m`` that of the camera. ``single`` is the answer of the
+    frame alone, where the row's own is fused from several frames.
     """
 
     frame: str
@@ -34,6 +35,7 @@ class FrameRow:
     ce_m: float
     mace_m: float
     prior_ce_m: float
+    detail: str = ""
     source: str = ""
     confidence: float = math.nan
     entropy: float = math.nan
@@ -43,6 +45,8 @@ class FrameRow:
     support: float = math.nan
     risk: float = math.nan
     ce90_m: float = math.nan
+    camera_ce_m: float = math.nan
+    camera_ce90_m: float = math.nan
     single: Self | None = None
 
 
@@ -69,6 +73,7 @@ def _answer(cells: Cells, prefix: str, where: str, single: FrameRow | None) -> F
         has_prior=bool(cells["prior_lat"] and cells["prior_lon"]),
         accepted=_is_accepted(cells, prefix, where),
         reason=cells.get(f"{prefix}reason") or "",
+        detail=cells.get(f"{prefix}detail") or "",
         ce_m=number("ce_m"),
         mace_m=number("mace_m"),
         prior_ce_m=_number(cells, "prior_ce_m", where),
@@ -81,6 +86,8 @@ def _answer(cells: Cells, prefix: str, where: str, single: FrameRow | None) -> F
         support=number("support"),
         risk=_probability(cells, f"{prefix}risk", where),
         ce90_m=number("ce90_m"),
+        camera_ce_m=number("camera_ce_m"),
+        camera_ce90_m=number("camera_ce90_m"),
         single=single,
     )
 

@@ -11,15 +11,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from uasthn_cli.report.intervals import wilson_interval
 from uasthn_cli.types import BoolArray, FloatArray
 
 IntArray = NDArray[np.int64]
 
 MOST_BINS: Final = 10
 FRAMES_PER_BIN: Final = 10
-
-_NORMAL_975: Final = 1.959963984540054
-"""Quantile of the normal distribution for a two-sided interval of 95 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,31 +116,21 @@ def expected_calibration_error(bins: tuple[ReliabilityBin, ...]) -> float | None
     return sum(one.frames * abs(one.predicted - one.observed) for one in bins) / frames
 
 
-def wilson_interval(hits: int, trials: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share of ``trials`` > 0.
-
-    Source: Wilson, *Probable Inference, the Law of Succession, and Statistical Inference*, JASA
-    22 (1927), equation for the limits.
-    """
-    share, z2 = hits / trials, _NORMAL_975**2
-    centre = share + z2 / (2.0 * trials)
-    reach = _NORMAL_975 * math.sqrt((share * (1.0 - share) + z2 / (4.0 * trials)) / trials)
-    scale = 1.0 + z2 / trials
-    # At the ends the limit is the share itself; rounding would put it beyond.
-    low, high = (centre - reach) / scale, (centre + reach) / scale
-    return min(max(low, 0.0), share), max(min(high, 1.0), share)
-
-
 def radius_coverage(ce_m: FloatArray, ce90_m: FloatArray, level: float = 0.9) -> float | None:
     """Return the share of errors ``(n,)`` within their predicted radius; None of no error.
 
     At another level than 0.9 the radius is that of a circular normal error with the same CE90:
     squared, it is proportional to ``-ln(1 - level)`` (Rayleigh distribution).
     """
-    if ce_m.size == 0:
-        return None
+    within = within_radius(ce_m, ce90_m, level)
+    return float(within.mean()) if within.size else None
+
+
+def within_radius(ce_m: FloatArray, ce90_m: FloatArray, level: float = 0.9) -> BoolArray:
+    """Tell which errors lie within their predicted radius, of those that are known with one."""
+    known = np.isfinite(ce_m) & np.isfinite(ce90_m)
     scale = math.sqrt(math.log1p(-level) / math.log1p(-0.9))
-    return float(np.mean(ce_m <= ce90_m * scale))
+    return np.asarray(ce_m[known] <= ce90_m[known] * scale)
 
 
 def _tied_groups(uncertainty: FloatArray, wrong: BoolArray) -> tuple[IntArray, IntArray]:

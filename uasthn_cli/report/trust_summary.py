@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 
 from uasthn_cli.config import TOLERANCE_M
+from uasthn_cli.report.intervals import Interval, share_intervals
 from uasthn_cli.report.load import RunResults
-from uasthn_cli.report.metrics import column
+from uasthn_cli.report.metrics import column, share_of
 from uasthn_cli.report.trust import (
     ReliabilityBin,
     expected_calibration_error,
@@ -16,6 +17,7 @@ from uasthn_cli.report.trust import (
     reliability_bins,
     risk_coverage,
     roc_curve,
+    within_radius,
 )
 from uasthn_cli.types import BoolArray, FloatArray
 
@@ -37,8 +39,9 @@ LEVELS: Final = (0.5, 0.8, 0.9, 0.95)
 class JudgedAnswers:
     """Answers with a known error: CE, whether accepted and beyond the tolerance, all ``(n,)``.
 
-    ``risk`` and ``ce90_m`` are what was predicted, NaN where nothing was; ``uncertainties``
-    holds per signal one number that is larger the less the signal trusts an answer, likewise.
+    ``risk`` and ``ce90_m`` are what was predicted, NaN where nothing was, ``camera_ce_m`` and
+    ``camera_ce90_m`` the camera's error and what was predicted of it. ``uncertainties`` holds per
+    signal one number that is larger the less the signal trusts an answer, likewise.
     """
 
     ce_m: FloatArray
@@ -46,6 +49,8 @@ class JudgedAnswers:
     wrong: BoolArray
     risk: FloatArray
     ce90_m: FloatArray
+    camera_ce_m: FloatArray
+    camera_ce90_m: FloatArray
     uncertainties: Mapping[str, FloatArray]
 
 
@@ -71,7 +76,8 @@ class TrustSummary:
     the tolerance, ``ideal_aurc`` the area under the risk–coverage curve of an order that knows
     the truth. Reliability and ``expected_calibration_error`` are of the column ``risk``, always
     at the 25 m that it predicts. ``ce90_coverage`` is the share of errors within the predicted
-    CE90; ``coverage_at_levels`` assumes circular normal errors, except at 0.9.
+    CE90, ``camera_ce90_coverage`` that of the camera's; ``coverage_at_levels`` assumes circular
+    normal errors, except at 0.9. ``intervals`` holds the 95 % interval of each share.
     """
 
     judged: int
@@ -81,9 +87,12 @@ class TrustSummary:
     ideal_aurc: float | None
     ce90_coverage_all: float | None
     ce90_coverage_accepted: float | None
+    camera_ce90_coverage_all: float | None
+    camera_ce90_coverage_accepted: float | None
     coverage_at_levels: Mapping[str, float | None]
     expected_calibration_error: float | None
     reliability: tuple[ReliabilityBin, ...]
+    intervals: Mapping[str, Interval]
 
 
 def judged_answers(run: RunResults, tolerance_m: float) -> JudgedAnswers:
@@ -96,6 +105,8 @@ def judged_answers(run: RunResults, tolerance_m: float) -> JudgedAnswers:
         wrong=ce_m > tolerance_m,
         risk=column(rows, "risk"),
         ce90_m=column(rows, "ce90_m"),
+        camera_ce_m=column(rows, "camera_ce_m"),
+        camera_ce90_m=column(rows, "camera_ce90_m"),
         uncertainties={name: sign * column(rows, name) for name, sign in SIGNALS.items()},
     )
 
@@ -108,25 +119,38 @@ def summarise_trust(run: RunResults, tolerance_m: float = TOLERANCE_M) -> TrustS
     accepted = answers.accepted
     ideal = risk_coverage(np.zeros(answers.wrong.size), answers.wrong)
     bins = risk_reliability(answers)
-    has_radius = np.isfinite(answers.ce90_m)
-    ce_m, ce90_m = answers.ce_m[has_radius], answers.ce90_m[has_radius]
+    covered = _coverage_flags(answers)
     return TrustSummary(
         judged=accepted.size,
         beyond_tolerance=int(answers.wrong.sum()),
-        accepted_risk=float(answers.wrong[accepted].mean()) if accepted.any() else None,
+        accepted_risk=share_of(answers.wrong[accepted]),
         signals={
             name: _worth(uncertainty, answers.wrong)
             for name, uncertainty in answers.uncertainties.items()
         },
         ideal_aurc=ideal.ideal_aurc if ideal else None,
-        ce90_coverage_all=radius_coverage(ce_m, ce90_m),
-        ce90_coverage_accepted=radius_coverage(
-            ce_m[accepted[has_radius]], ce90_m[accepted[has_radius]]
-        ),
-        coverage_at_levels={f"{level:g}": radius_coverage(ce_m, ce90_m, level) for level in LEVELS},
+        ce90_coverage_all=share_of(covered["ce90_coverage_all"]),
+        ce90_coverage_accepted=share_of(covered["ce90_coverage_accepted"]),
+        camera_ce90_coverage_all=share_of(covered["camera_ce90_coverage_all"]),
+        camera_ce90_coverage_accepted=share_of(covered["camera_ce90_coverage_accepted"]),
+        coverage_at_levels={
+            f"{level:g}": radius_coverage(answers.ce_m, answers.ce90_m, level) for level in LEVELS
+        },
         expected_calibration_error=expected_calibration_error(bins),
         reliability=bins,
+        intervals=share_intervals(accepted_risk=answers.wrong[accepted], **covered),
     )
+
+
+def _coverage_flags(answers: JudgedAnswers) -> dict[str, BoolArray]:
+    """Return which errors lie within their stated radius, by the name of the coverage."""
+    centre, camera = (answers.ce_m, answers.ce90_m), (answers.camera_ce_m, answers.camera_ce90_m)
+    flags = {}
+    for name, (ce_m, ce90_m) in {"ce90": centre, "camera_ce90": camera}.items():
+        flags[f"{name}_coverage_all"] = within_radius(ce_m, ce90_m)
+        accepted = answers.accepted
+        flags[f"{name}_coverage_accepted"] = within_radius(ce_m[accepted], ce90_m[accepted])
+    return flags
 
 
 def risk_reliability(answers: JudgedAnswers) -> tuple[ReliabilityBin, ...]:
