@@ -67,6 +67,20 @@ class PairBy(StrEnum):
     NONE = "none"
 
 
+class DemDatum(StrEnum):
+    """What ties the log's altitudes to an elevation model.
+
+    ``take-off``: the model's height there and the log's height above it; ``amsl``: the log's
+    altitude above sea level; ``flight``: over the whole flight, the log's heights are right on
+    average.
+    """
+
+    AUTO = "auto"
+    TAKE_OFF = "take-off"
+    AMSL = "amsl"
+    FLIGHT = "flight"
+
+
 class Precision(StrEnum):
     """Number format of the encoders while training; all else is float32.
 
@@ -171,13 +185,18 @@ class DecisionConfig:
 
 @dataclass(frozen=True, slots=True)
 class PriorConfig:
-    """How log and frames are joined: clock, pairing, offset, and the longest gap bridged."""
+    """How log and frames are joined: clock, pairing, offset, and the longest gap bridged.
+
+    ``dem_path`` None: ground is flat, as far below each frame as the log says.
+    """
 
     time_base: TimeBase = TimeBase.AUTO
     time_offset_s: float = 0.0
     max_gap_s: float = 2.0
     height_above_ground_m: float | None = None
     pair_by: PairBy = PairBy.AUTO
+    dem_path: Path | None = None
+    dem_datum: DemDatum = DemDatum.AUTO
 
 
 @dataclass(frozen=True, slots=True)

@@ -89,7 +89,9 @@ class Prior:
 
     ``attitude`` is the camera's own (gimbal angles applied where the log has them, mount yaw not
     yet applied). ``height_source`` names the field that gave the height over ground;
-    ``alt_amsl_m`` is the logged altitude above mean sea level, NaN where the log has none.
+    ``alt_amsl_m`` is the logged altitude above mean sea level, NaN where the log has none,
+    ``above_start_m`` that above take-off. Over an elevation model, ``ground_m`` is its height of
+    the flat ground that the height is counted from; None: ground is flat.
     """
 
     frame: FrameFile
@@ -100,6 +102,8 @@ class Prior:
     attitude: Attitude
     height_source: str
     alt_amsl_m: float = math.nan
+    above_start_m: float = math.nan
+    ground_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

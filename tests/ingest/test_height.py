@@ -6,9 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simple_flight_log import START_UTC_S, FlightPlan, write_flight
+from simple_flight_log import (
+    LAT_DEG,
+    LON_DEG,
+    START_UTC_S,
+    TAKE_OFF_AMSL_M,
+    FlightPlan,
+    write_flight,
+)
 
 from uasthn_cli.config import PriorConfig
+from uasthn_cli.ingest.height import start_of
 from uasthn_cli.ingest.mavlink import TlogWriter, read_telemetry
 from uasthn_cli.ingest.priors import PriorSet, build_priors
 from uasthn_cli.types import FrameFailure, FrameFile, Prior, Reason
@@ -123,3 +131,17 @@ def test_a_given_height_replaces_all_others(tmp_path: Path) -> None:
     assert isinstance(prior, Prior)
     assert (prior.height_above_ground_m, found.height_source) == (77.0, "given")
     assert np.isfinite(prior.lat_deg)
+
+
+@pytest.mark.parametrize(("height_m", "is_on_ground"), [(1.5, True), (120.0, False)])
+def test_take_off_is_known_where_the_log_starts_there(
+    tmp_path: Path, height_m: float, is_on_ground: bool
+) -> None:
+    path = tmp_path / "flight.tlog"
+    with TlogWriter(path) as log:
+        write_flight(log, FlightPlan(height_m=height_m))
+    start = start_of(read_telemetry(path))
+    assert start.is_on_ground is is_on_ground
+    assert (start.lat_deg, start.lon_deg) == pytest.approx((LAT_DEG, LON_DEG), abs=1e-6)
+    assert start.ground_amsl_m == pytest.approx(TAKE_OFF_AMSL_M)
+    assert not start.is_assumed

@@ -14,6 +14,7 @@ from uasthn_cli.geometry.camera import (
     undistort_points,
 )
 from uasthn_cli.geometry.corners import image_corners_px, transform_points
+from uasthn_cli.geometry.surface import CameraOverSurface, FlatGround, Relief, Surface
 from uasthn_cli.mapping.ortho import (
     FootprintSizeError,
     ObliqueFrameError,
@@ -231,3 +232,60 @@ def test_valid_pixels_are_those_whose_source_lies_within_the_frame(gsd_m: float)
 def test_a_frame_of_another_size_is_refused() -> None:
     with pytest.raises(ValueError, match="256 × 320"):
         rectify(np.eye(320, 256, dtype=np.float32), CAMERA, prior(), 0.6)
+
+
+def over(surface: Surface, camera: CameraModel, prior: Prior) -> CameraOverSurface:
+    """Return the camera of a prior 120 m above the height 30 of a surface's datum."""
+    return CameraOverSurface(camera, prior.attitude, np.array([40.0, -25.0]), 150.0, surface, 30.0)
+
+
+@pytest.mark.parametrize("distortion", [(), (-0.2, 0.03)])
+@pytest.mark.parametrize("gsd_m", [0.3, 1.0])
+def test_over_a_flat_surface_the_ortho_is_that_of_flat_ground(
+    distortion: tuple[float, ...], gsd_m: float
+) -> None:
+    camera = replace(CAMERA, distortion=distortion)
+    prior = Prior(FrameFile("x.png", Path("x.png")), 0.0, 0.0, 0.0, HEIGHT_M, TILTED, "x")
+    noise = np.random.default_rng(1).random((256, 320)).astype(np.float32)
+    image = np.asarray(cv2.GaussianBlur(noise, (0, 0), 3.0), np.float32)
+    flat = rectify(image, camera, prior, gsd_m, multiple_px=16)
+    same = rectify(
+        image, camera, prior, gsd_m, multiple_px=16, over=over(FlatGround(30.0), camera, prior)
+    )
+    assert same.nadir_px == pytest.approx(flat.nadir_px)
+    assert (same.valid != flat.valid).mean() < 1e-3
+    both = same.valid & flat.valid
+    assert np.abs(same.image - flat.image)[both].max() < 0.05 * flat.image[both].std()
+
+
+def test_convention_over_relief_things_lie_where_they_are() -> None:
+    metres = np.arange(-200.0, 201.0, 5.0)
+    east, north = np.meshgrid(metres, -metres)
+    relief = Relief(30.0 + 12.0 * np.sin(east / 25.0) * np.cos(north / 30.0), -200.0, 200.0, 5.0)
+    prior = Prior(FrameFile("x.png", Path("x.png")), 0.0, 0.0, 0.0, HEIGHT_M, TILTED, "x")
+    view = over(relief, CAMERA, prior)
+    spots_m = view.to_ground(np.array([[80.0, 60.0], [250.0, 70.0], [90.0, 200.0], [240.0, 190.0]]))
+    ys, xs = np.mgrid[:256, :320]
+    image = np.zeros((256, 320), np.float32)
+    for x, y in view.to_frame(spots_m):
+        image += np.exp(-((xs - x) ** 2 + (ys - y) ** 2) / 8.0).astype(np.float32)
+    ortho = rectify(image, CAMERA, prior, 0.4, over=view)
+    flat = rectify(image, CAMERA, prior, 0.4)
+    for spot_m in spots_m:
+        expected_px = ortho.nadir_px + (spot_m - view.position_m) / (0.4, -0.4)
+        assert _distance_to_spot_px(ortho, expected_px) < 0.5
+    shifts_px = [
+        _distance_to_spot_px(flat, flat.nadir_px + (spot - view.position_m) / (0.4, -0.4))
+        for spot in spots_m
+    ]
+    assert max(shifts_px) > 2.0
+
+
+def _distance_to_spot_px(ortho: Ortho, expected_px: FloatArray) -> float:
+    """Return how far the weight of a bright spot lies from where it should be."""
+    height, width = ortho.image.shape
+    ys, xs = np.mgrid[:height, :width]
+    near = np.hypot(xs - expected_px[0], ys - expected_px[1]) < 12.0
+    weight = np.where(near, ortho.image, 0.0)
+    x, y = (weight * xs).sum() / weight.sum(), (weight * ys).sum() / weight.sum()
+    return float(math.hypot(x - expected_px[0], y - expected_px[1]))

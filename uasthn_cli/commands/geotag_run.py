@@ -50,6 +50,8 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
     with open_run(job) as run:
         if run.priors.frame_times.pairing is not None:
             say(f"Frames and camera messages: {run.priors.frame_times.why}")
+        if run.ground is not None:
+            say(run.ground.line(run.priors.results))
         if truth is not None:
             truth.require_match(run.names)
         prepare_output(target.out, target.overwrite, is_named=target.is_named)
@@ -88,6 +90,7 @@ def _inputs(job: GeotagJob, run: Run) -> dict[str, Any]:
         "map": job.map_path,
         **_weights_paths(job),
         "frame_times": job.frame_times_csv,
+        "dem": job.prior.dem_path,
     }
     files = {name: _file(path) for name, path in named.items() if path is not None}
     if job.spec.package is not None:

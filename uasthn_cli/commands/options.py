@@ -20,7 +20,7 @@ from uasthn_cli.commands.parameter_types import (
     FiniteRange,
 )
 from uasthn_cli.commands.sections import section_option
-from uasthn_cli.config import PairBy, PriorConfig, TimeBase
+from uasthn_cli.config import DemDatum, PairBy, PriorConfig, TimeBase
 
 if TYPE_CHECKING:
     from uasthn_cli.ingest.cameras import CameraSpec
@@ -92,15 +92,25 @@ def _camera_spec(
 
 
 def _prior_config(
-    time_base: str, pair_by: str, time_offset_s: float, max_gap_s: float, height_m: float | None
+    time_base: str,
+    pair_by: str,
+    time_offset_s: float,
+    max_gap_s: float,
+    height_m: float | None,
+    dem_path: Path | None,
+    dem_datum: str,
 ) -> PriorConfig:
-    """Return how log and frame times are joined."""
+    """Return how log and frame times are joined, and what heights rest on."""
+    if dem_path is not None and height_m is not None:
+        raise click.UsageError("--dem takes heights from the log: leave out --height-m")
     return PriorConfig(
         time_base=TimeBase(time_base),
         time_offset_s=time_offset_s,
         max_gap_s=max_gap_s,
         height_above_ground_m=height_m,
         pair_by=PairBy(pair_by),
+        dem_path=dem_path,
+        dem_datum=DemDatum(dem_datum),
     )
 
 
@@ -191,6 +201,25 @@ prior_options: Final = gathered(
         type=ABOVE_ZERO,
         metavar="M",
         help="Height above ground of the whole flight, instead of the log's.",
+    ),
+    time_option(
+        "--dem",
+        "dem_path",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="Elevation model of the area, any raster of heights that GDAL reads: frames are"
+        " rectified over its relief and their corners lie on it.  [default: flat ground, as far"
+        " below each frame as the log says]",
+    ),
+    time_option(
+        "--dem-datum",
+        type=click.Choice([datum.value for datum in DemDatum]),
+        default=_PRIOR.dem_datum.value,
+        show_default=True,
+        help="What ties the log's altitudes to the model: the ground at take-off and the heights"
+        " above it, which needs no common datum; altitudes above sea level (amsl); or the log's"
+        " heights, right on the flight's average. auto: take-off where the log starts there, else"
+        " whichever of the others the frames fit.",
     ),
 )
 

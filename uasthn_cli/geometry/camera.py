@@ -37,11 +37,10 @@ def tilt_rad(attitude: Attitude) -> float:
     return math.acos(max(-1.0, min(1.0, float(rotation_ned_from_body(attitude)[2, 2]))))
 
 
-def homography_frame_ground(camera: CameraModel, attitude: Attitude, height_m: float) -> FloatArray:
-    """Return ``H_frame_ground`` ``(3, 3)``: undistorted frame pixels to ground metres.
+def ned_rays(camera: CameraModel, attitude: Attitude) -> FloatArray:
+    """Return the matrix ``(3, 3)`` from undistorted frame pixels ``(x, y, 1)`` to directions.
 
-    Ground coordinates are ``(east_m, north_m)`` from the point straight below the camera, on a
-    flat ground ``height_m`` below it.
+    Directions are north, east, down from the camera, of no particular length.
 
     Raises:
         HorizonError: a corner of the frame does not look at the ground.
@@ -49,7 +48,7 @@ def homography_frame_ground(camera: CameraModel, attitude: Attitude, height_m: f
     c, s = math.cos(camera.mount_yaw_rad), math.sin(camera.mount_yaw_rad)
     body_from_mount = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     mount_from_optical = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    rays = (
+    rays: FloatArray = (
         rotation_ned_from_body(attitude)
         @ body_from_mount
         @ mount_from_optical
@@ -59,6 +58,19 @@ def homography_frame_ground(camera: CameraModel, attitude: Attitude, height_m: f
     corners = np.array([[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]])
     if not (corners @ rays[2] > 1e-3).all():
         raise HorizonError("a corner of the frame looks above the horizon")
+    return rays
+
+
+def homography_frame_ground(camera: CameraModel, attitude: Attitude, height_m: float) -> FloatArray:
+    """Return ``H_frame_ground`` ``(3, 3)``: undistorted frame pixels to ground metres.
+
+    Ground coordinates are ``(east_m, north_m)`` from the point straight below the camera, on a
+    flat ground ``height_m`` below it.
+
+    Raises:
+        HorizonError: a corner of the frame does not look at the ground.
+    """
+    rays = ned_rays(camera, attitude)
     H: FloatArray = np.stack([rays[1] * height_m, rays[0] * height_m, rays[2]])
     return H / float(H[2, 2])
 

@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from uasthn_cli.geometry.camera import tilt_rad
 from uasthn_cli.ingest.clock import Clock
 from uasthn_cli.ingest.interpolate import (
@@ -12,15 +14,52 @@ from uasthn_cli.ingest.interpolate import (
     linear,
     make_track,
 )
-from uasthn_cli.ingest.telemetry import Telemetry
+from uasthn_cli.ingest.telemetry import ABOVE_FIRST_FIX, Telemetry
 from uasthn_cli.types import Attitude
 
 FIXED_SOURCE = "given"
+ON_GROUND_M = 3.0
+"""A log whose first height above take-off is less starts on the ground, at take-off."""
+
 _LOW_M = 10.0
 _SANE_RATIO = 3.0
 """Above ``_LOW_M``, a height this many times off the logged one is a sensor out of range."""
 
 MIN_HEIGHT_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where the log first is nearest to the ground at take-off.
+
+    ``height_m`` is that above take-off, ``ground_amsl_m`` what the log has for the altitude of
+    take-off (NaN: nothing). ``is_assumed``: that its first fix is at take-off is an assumption.
+    """
+
+    lat_deg: float
+    lon_deg: float
+    height_m: float
+    ground_amsl_m: float
+    is_assumed: bool
+
+    @property
+    def is_on_ground(self) -> bool:
+        """Tell whether this is the place of take-off."""
+        return abs(self.height_m) <= ON_GROUND_M
+
+
+def start_of(telemetry: Telemetry) -> Start:
+    """Return where a log first is on the ground at take-off; its first position if it never is."""
+    positions = telemetry.positions
+    on_ground = np.abs(positions.height_m) <= ON_GROUND_M
+    first = int(on_ground.argmax())
+    return Start(
+        lat_deg=float(positions.lat_deg[first]),
+        lon_deg=float(positions.lon_deg[first]),
+        height_m=float(positions.height_m[first]),
+        ground_amsl_m=float(np.median(positions.alt_amsl_m - positions.height_m)),
+        is_assumed=positions.height_source == ABOVE_FIRST_FIX,
+    )
 
 
 @dataclass(frozen=True, slots=True)

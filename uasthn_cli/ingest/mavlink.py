@@ -17,6 +17,7 @@ from uasthn_cli.errors import LogUnreadableError, NoPositionError, OutputError
 from uasthn_cli.ingest.messages import READERS
 from uasthn_cli.ingest.records import Records, merged
 from uasthn_cli.ingest.telemetry import (
+    ABOVE_FIRST_FIX,
     Attitudes,
     CameraEvents,
     GimbalAttitudes,
@@ -186,7 +187,7 @@ def _positions(message: str, records: Records) -> Positions:
         source = "relative_alt"
     else:
         # GPS_RAW_INT knows only mean sea level: take the first fix as the height of home.
-        source, height_m = "gps_altitude_above_first_fix", height_m - height_m[0]
+        source, height_m = ABOVE_FIRST_FIX, height_m - height_m[0]
     return Positions(
         records.stamps, lat_deg, lon_deg, height_m, alt_amsl_m, message, source, altitude_source
     )

@@ -107,7 +107,7 @@ def build_priors(
         results=results,
         time_base=choice,
         frame_times=times,
-        height_source=_commonest([r.height_source for r in results if isinstance(r, Prior)]),
+        height_source=commonest([r.height_source for r in results if isinstance(r, Prior)]),
         altitude_source=telemetry.positions.altitude_source,
         attitude_source="attitude" if gimbal is None else gimbal.message.lower(),
     )
@@ -160,10 +160,19 @@ def _result(
         return FrameFailure(frame, Reason.NO_PRIOR, str(error), time_s)
     lat_deg, lon_deg, above_start_m, alt_amsl_m = place.tolist()
     height_m, source = _height(tracks, time_s, body, above_start_m, config)
-    if height_m < MIN_HEIGHT_M:
-        detail = f"on the ground: {height_m:.1f} m above it by {source}"
-        return FrameFailure(frame, Reason.NO_PRIOR, detail, time_s)
-    return Prior(frame, time_s, lat_deg, lon_deg, height_m, camera, source, alt_amsl_m)
+    prior = Prior(
+        frame, time_s, lat_deg, lon_deg, height_m, camera, source, alt_amsl_m, above_start_m
+    )
+    # over a valley frames may be below take-off: an elevation model has the last word
+    is_low = height_m < MIN_HEIGHT_M and config.dem_path is None
+    return on_the_ground(prior) if is_low else prior
+
+
+def on_the_ground(prior: Prior) -> FrameFailure:
+    """Return that a frame was not taken from the air."""
+    height_m, source = prior.height_above_ground_m, prior.height_source
+    detail = f"on the ground: {height_m:.1f} m above it by {source}"
+    return FrameFailure(prior.frame, Reason.NO_PRIOR, detail, prior.time_utc_s)
 
 
 def _height(
@@ -175,6 +184,6 @@ def _height(
     return measured or (above_start_m, tracks.above_start_source)
 
 
-def _commonest(names: Sequence[str]) -> str:
+def commonest(names: Sequence[str]) -> str:
     """Return names by falling frequency, separated by commas; ``none`` for no name."""
     return ", ".join(name for name, _ in Counter(names).most_common()) or "none"

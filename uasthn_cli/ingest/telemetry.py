@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from uasthn_cli.types import BoolArray, FloatArray
 
+ABOVE_FIRST_FIX = "gps_altitude_above_first_fix"
+"""Height source of a log that only has altitudes: the first fix is taken for take-off."""
+
 IntArray = NDArray[np.int64]
 
 

@@ -1,4 +1,4 @@
-"""Rectify a frame to flat ground: north-up, at the GSD of the map."""
+"""Rectify a frame to flat ground or to relief: north-up, at the GSD of the map."""
 
 import math
 from functools import lru_cache
@@ -18,6 +18,7 @@ from uasthn_cli.geometry.camera import (
 )
 from uasthn_cli.geometry.corners import image_corners_px, transform_points
 from uasthn_cli.geometry.pixels import resize_homography
+from uasthn_cli.geometry.surface import CameraOverSurface
 from uasthn_cli.types import BoolArray, CameraModel, FloatArray, ImageArray, Ortho, Prior
 
 _MIN_ORTHO_PX = 8
@@ -25,6 +26,7 @@ _MAX_ORTHO_PX = 4096
 _MIN_DEVIATION = 1e-6
 _BLUR_PER_RATIO = 0.45
 _BOX_DEVIATION = 1 / math.sqrt(12)
+_OUTLINE_POINTS = 9
 _BORDER_MARGIN_PX = 1 / 16
 """``warpPerspective`` rounds source positions to 1/32 pixel."""
 
@@ -42,12 +44,20 @@ class FootprintSizeError(ValueError):
 
 
 def rectify(
-    image: ImageArray, camera: CameraModel, prior: Prior, gsd_m: float, *, multiple_px: int = 1
+    image: ImageArray,
+    camera: CameraModel,
+    prior: Prior,
+    gsd_m: float,
+    *,
+    multiple_px: int = 1,
+    over: CameraOverSurface | None = None,
 ) -> Ortho:
     """Return a frame ``(h, w)`` as the north-up picture of the ground that the prior implies.
 
     The ortho is just large enough for the footprint, its sides rounded up to ``multiple_px``.
-    ``H_frame_ortho`` takes pixels of the undistorted frame (same camera matrix).
+    ``H_frame_ortho`` takes pixels of the undistorted frame (same camera matrix). With ``over``, the
+    same camera over relief, the picture shows each place where it lies, whatever its height;
+    ``H_frame_ortho`` remains that of flat ground.
 
     Raises:
         ObliqueFrameError: tilted beyond ``MAX_TILT_DEG``, or a corner sees the horizon.
@@ -62,11 +72,15 @@ def rectify(
         )
     if not _has_texture(image):
         raise TexturelessFrameError("the frame has the same value everywhere")
-    H_frame_ortho, nadir_px, size_px = _plan(camera, prior, gsd_m, multiple_px)
+    H_frame_ortho, nadir_px, size_px = _plan(camera, prior, gsd_m, multiple_px, over)
     seen = None
     if any(camera.distortion):
         image, seen = _undistort(image, camera)
     small, H_frame_small = _reduce(image, _frame_pixels_per_ortho_pixel(H_frame_ortho, camera))
+    if over is not None:
+        frame_px = over.to_frame(_places_m(over, gsd_m, nadir_px, size_px))
+        picture, valid = _sampled(small, H_frame_small, seen, frame_px)
+        return Ortho(picture, valid, gsd_m, H_frame_ortho, nadir_px)
     H_small_ortho = H_frame_ortho @ np.linalg.inv(H_frame_small)
     warped = cv2.warpPerspective(small, H_small_ortho, size_px, flags=cv2.INTER_LINEAR)
     valid = _valid(H_frame_ortho, seen, H_small_ortho, small.shape, size_px)
@@ -87,7 +101,11 @@ def _has_texture(image: ImageArray) -> bool:
 
 
 def _plan(
-    camera: CameraModel, prior: Prior, gsd_m: float, multiple_px: int
+    camera: CameraModel,
+    prior: Prior,
+    gsd_m: float,
+    multiple_px: int,
+    over: CameraOverSurface | None,
 ) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
     """Return ``H_frame_ortho``, the nadir in ortho pixels, and the ortho's (width, height)."""
     tilt_deg = math.degrees(tilt_rad(prior.attitude))
@@ -100,11 +118,8 @@ def _plan(
         H_frame_ground = homography_frame_ground(camera, prior.attitude, height_m)
     except HorizonError as error:
         raise ObliqueFrameError(str(error)) from error
-    corners_m = transform_points(
-        H_frame_ground, image_corners_px(camera.width_px, camera.height_px)
-    )
-    corners_px = corners_m / (gsd_m, -gsd_m)
-    first, last = np.floor(corners_px.min(axis=0)), np.ceil(corners_px.max(axis=0))
+    outline_px = _outline_m(camera, H_frame_ground, over) / (gsd_m, -gsd_m)
+    first, last = np.floor(outline_px.min(axis=0)), np.ceil(outline_px.max(axis=0))
     needed = last - first + 1
     if needed.min() < _MIN_ORTHO_PX or needed.max() > _MAX_ORTHO_PX:
         raise FootprintSizeError(
@@ -118,6 +133,51 @@ def _plan(
     )
     H: FloatArray = H_ground_ortho @ H_frame_ground
     return H / float(H[2, 2]), nadir_px, (int(size[0]), int(size[1]))
+
+
+def _outline_m(
+    camera: CameraModel, H_frame_ground: FloatArray, over: CameraOverSurface | None
+) -> FloatArray:
+    """Return places ``(n, 2)`` that enclose the footprint, from the point below the camera."""
+    corners_px = image_corners_px(camera.width_px, camera.height_px)
+    if over is None:
+        return transform_points(H_frame_ground, corners_px)
+    share = np.linspace(0.0, 1.0, _OUTLINE_POINTS)[:, None]
+    starts, ends = corners_px[[0, 2, 0, 1]], corners_px[[1, 3, 2, 3]]
+    outline_px = (starts + share[..., None] * (ends - starts)).reshape(-1, 2)
+    return over.to_ground(outline_px) - over.position_m
+
+
+def _places_m(
+    over: CameraOverSurface, gsd_m: float, nadir_px: FloatArray, size_px: tuple[int, int]
+) -> FloatArray:
+    """Return the places ``(h, w, 2)`` of an ortho's pixels."""
+    x, y = np.meshgrid(np.arange(size_px[0]), np.arange(size_px[1]))
+    ortho_px = np.stack([x, y], axis=-1)
+    return np.asarray(over.position_m + (ortho_px - nadir_px) * (gsd_m, -gsd_m))
+
+
+def _sampled(
+    small: ImageArray, H_frame_small: FloatArray, seen: BoolArray | None, frame_px: FloatArray
+) -> tuple[ImageArray, BoolArray]:
+    """Return a reduced frame at frame pixels ``(h, w, 2)``, and which of these it really has."""
+    # far outside rather than NaN, which OpenCV takes for any pixel
+    frame_px = np.where(np.isfinite(frame_px), frame_px, -1e6)
+    small_px = transform_points(H_frame_small, frame_px)
+    last = np.array([small.shape[1], small.shape[0]]) - 1.0
+    margin = _BORDER_MARGIN_PX
+    valid = ((small_px >= margin) & (small_px <= last - margin)).all(axis=-1)
+    if seen is not None and not seen.all():
+        valid &= _remapped(seen.astype(np.float32), frame_px) > 1.0 - 1e-6
+    picture = np.where(valid, _remapped(small, small_px), np.float32(0.0))
+    return picture, np.asarray(valid, np.bool_)
+
+
+def _remapped(image: ImageArray, points_px: FloatArray) -> ImageArray:
+    """Return an image's values at points ``(h, w, 2)``, bilinear."""
+    x, y = np.ascontiguousarray(np.moveaxis(points_px, -1, 0), dtype=np.float32)
+    sampled = cv2.remap(image, x, y, cv2.INTER_LINEAR)
+    return np.asarray(sampled, dtype=np.float32)
 
 
 def _frame_pixels_per_ortho_pixel(H_frame_ortho: FloatArray, camera: CameraModel) -> float:

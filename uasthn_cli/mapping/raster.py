@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 from xml.etree import ElementTree
 
 import numpy as np
@@ -28,6 +29,9 @@ from uasthn_cli.mapping.georeference import Georeference
 from uasthn_cli.types import BoolArray, FloatArray, GridBox, ImageArray, MapGrid
 
 _log = logging.getLogger(__name__)
+
+MAP: Final = "map"
+"""What messages call a raster, unless they are told otherwise."""
 
 _BLOCK_CACHE_BYTES = 64 * 2**20
 _WARP_MEMORY_MB = 64
@@ -51,36 +55,36 @@ class MapSource:
 
 
 @contextmanager
-def gdal_errors(path: Path, doing: str) -> Iterator[None]:
+def gdal_errors(path: Path, doing: str, what: str = MAP) -> Iterator[None]:
     """Run GDAL with a small block cache; turn what it raises into one line.
 
     Raises:
-        MapUnreadableError: GDAL failed while ``doing`` something with the map.
+        MapUnreadableError: GDAL failed while ``doing`` something with the map, or ``what`` it is.
     """
     try:
         with rasterio.Env(GDAL_CACHEMAX=_BLOCK_CACHE_BYTES):
             yield
     except (RasterioError, CRSError) as error:
         detail = " ".join(str(error.__cause__ or error).split())
-        raise MapUnreadableError(f"{path}: cannot {doing} the map ({detail})") from error
+        raise MapUnreadableError(f"{path}: cannot {doing} the {what} ({detail})") from error
 
 
-def open_source(path: Path, overview_level: int | None = None) -> MapSource:
-    """Open a map, at full resolution or at one of its overviews.
+def open_source(path: Path, overview_level: int | None = None, what: str = MAP) -> MapSource:
+    """Open a map, at full resolution or at one of its overviews; messages call it ``what``.
 
     Raises:
         MapUnreadableError: missing, corrupt, or not a raster that GDAL reads.
         MapWithoutCrsError: the map does not say where on earth it lies.
     """
     if not path.exists():
-        raise MapUnreadableError(f"{path}: no such map")
-    with gdal_errors(path, "open"), warnings.catch_warnings():
+        raise MapUnreadableError(f"{path}: no such {what}")
+    with gdal_errors(path, "open", what), warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         level = {} if overview_level is None else {"overview_level": overview_level}
         dataset = rasterio.open(path, **level)
         if dataset.count == 0:
-            raise MapUnreadableError(_several_images(dataset, path))
-        place = _georeference(dataset, path)
+            raise MapUnreadableError(_several_images(dataset, path, what))
+        place = _georeference(dataset, path, what)
         if ColorInterp.palette in dataset.colorinterp:
             expanded = rasterio.open(_palette_vrt(dataset, place, path, overview_level))
             dataset.close()
@@ -132,26 +136,26 @@ def warp(
     return np.stack(shown, axis=-1), valid
 
 
-def _several_images(dataset: rasterio.DatasetReader, path: Path) -> str:
+def _several_images(dataset: rasterio.DatasetReader, path: Path, what: str) -> str:
     """Return what to say of a container that GDAL opens without showing one image."""
     inside = dataset.subdatasets
     extract = f"; extract one: gdal_translate {inside[0]} OUT.tif" if inside else ""
-    return f"{path}: the map is a container of {len(inside)} images, not an image{extract}"
+    return f"{path}: the {what} is a container of {len(inside)} images, not an image{extract}"
 
 
-def _georeference(dataset: rasterio.DatasetReader, path: Path) -> Georeference:
+def _georeference(dataset: rasterio.DatasetReader, path: Path, what: str) -> Georeference:
     crs, transform = dataset.crs, dataset.transform
     points, points_crs = dataset.gcps
     if transform.is_identity and points_crs is not None and len(points) >= 3:
         crs, transform = points_crs, from_gcps(points)
     if crs is None:
         raise MapWithoutCrsError(
-            f"{path}: the map has no coordinate reference system; if you know it, write it into"
+            f"{path}: the {what} has no coordinate reference system; if you know it, write it into"
             f" the file: gdal_edit.py -a_srs EPSG:CODE {path}"
         )
     if transform.is_identity or transform.is_degenerate:
         raise MapWithoutCrsError(
-            f"{path}: the map has no georeference (pixel to coordinates); give it one:"
+            f"{path}: the {what} has no georeference (pixel to coordinates); give it one:"
             f" gdal_translate -a_srs EPSG:CODE -a_ullr WEST NORTH EAST SOUTH {path} OUT.tif"
         )
     place = Georeference(crs.to_wkt(), transform, dataset.width, dataset.height)
@@ -159,11 +163,11 @@ def _georeference(dataset: rasterio.DatasetReader, path: Path) -> Georeference:
         sensible = _is_sensible(place)
     except ValueError as error:
         raise MapWithoutCrsError(
-            f"{path}: the map's CRS is not tied to the earth ({error})"
+            f"{path}: the {what}'s CRS is not tied to the earth ({error})"
         ) from error
     if not sensible:
         raise MapWithoutCrsError(
-            f"{path}: the map's coordinates make no sense in its CRS; correct it:"
+            f"{path}: the {what}'s coordinates make no sense in its CRS; correct it:"
             f" gdal_edit.py -a_srs EPSG:CODE {path}"
         )
     return place

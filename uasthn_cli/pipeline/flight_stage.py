@@ -22,6 +22,7 @@ from uasthn_cli.fusion.offsets import OffsetGrid, best_offset_m
 from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.pipeline.frame_matcher import FrameMatcher, Scene, UnmatchableFrameError
+from uasthn_cli.pipeline.ground import Ground
 from uasthn_cli.pipeline.likelihoods import likelihood_of_match
 from uasthn_cli.seam import Aligner
 from uasthn_cli.types import (
@@ -98,8 +99,10 @@ class FlightStage:
         refine_matcher: FrameMatcher,
         grid: OffsetGrid,
         rebuild_priors: RebuildPriors,
+        ground: Ground | None = None,
     ) -> None:
-        """Keep how the flight was searched and is refined."""
+        """Keep how the flight was searched and is refined; ``ground`` None: it is flat."""
+        self._ground = ground
         self._search_matcher, self._refine_matcher = search_matcher, refine_matcher
         self._grid, self._local = grid, search_matcher.local
         self._rebuild_priors = rebuild_priors
@@ -149,7 +152,7 @@ class FlightStage:
         margin_m = _REFINE_MARGIN_PITCHES * self._refine_matcher.pitch_m
         radius_m = math.sqrt(2.0) * self._reach_m + margin_m
         try:
-            match = self._refine_matcher.match(prior, _WHOLE_FRAME, radius_m)
+            match = self._refine_matcher.match(prior, _WHOLE_FRAME, radius_m, self._ground)
         except UnmatchableFrameError as error:
             _log.debug("%s: %s", prior.frame.name, error)
             return RefinedFrame(prior.frame, self._camera(prior), None)
@@ -213,8 +216,8 @@ class FlightStage:
         """Return a frame near where its offset puts it; None where nothing can be seen."""
         prior, offset_m = place
         try:
-            moved = moved_prior(prior, offset_m, self._local)
-            return self._refine_matcher.scene(moved, self._reach_m)
+            moved = self._settled(moved_prior(prior, offset_m, self._local))
+            return self._refine_matcher.scene(moved, self._reach_m, self._ground)
         except UnmatchableFrameError as error:
             _log.debug("%s: %s", prior.frame.name, error)
             return None
@@ -232,7 +235,9 @@ class FlightStage:
         corrected = []
         for frame, offset_m in zip(frames, offsets_m, strict=True):
             moved = moved_prior(frame.prior, offset_m, self._local)
-            posed = retimed.get(frame.prior.frame.name, frame.prior)
+            logged = retimed.get(frame.prior.frame.name, frame.prior)
+            there = replace(logged, lat_deg=moved.lat_deg, lon_deg=moved.lon_deg)
+            posed = self._settled(there)
             attitude = posed.attitude
             turned = Attitude(
                 attitude.roll_rad,
@@ -247,9 +252,14 @@ class FlightStage:
                     attitude=turned,
                     height_above_ground_m=height_m,
                     alt_amsl_m=posed.alt_amsl_m,
+                    ground_m=posed.ground_m,
                 )
             )
         return tuple(corrected)
+
+    def _settled(self, prior: Prior) -> Prior:
+        """Return a prior that was moved with its height above the ground where it is now."""
+        return prior if self._ground is None else self._ground.settled(prior)
 
 
 def flight_frames(located: Iterable[Located]) -> tuple[tuple[FlightFrame, ...], LikelihoodSpool]:

@@ -20,6 +20,7 @@ from uasthn_cli.mapping.ortho import (
     rectify,
 )
 from uasthn_cli.mapping.tiles import FeatureTiles, aligned_box
+from uasthn_cli.pipeline.ground import Ground
 from uasthn_cli.pipeline.timing import StageTimer
 from uasthn_cli.seam import Estimate, Estimator
 from uasthn_cli.types import (
@@ -139,18 +140,27 @@ class FrameMatcher:
         except UnreadableFrameError as error:
             raise UnmatchableFrameError(Reason.UNREADABLE, error) from error
 
-    def match(self, prior: Prior, crops: CropTtaConfig, radius_m: float) -> FrameMatch:
+    def match(
+        self, prior: Prior, crops: CropTtaConfig, radius_m: float, ground: Ground | None = None
+    ) -> FrameMatch:
         """Search for a frame within ``radius_m`` of its prior.
+
+        With ``ground`` it is rectified over the relief, which is right where the place is known.
 
         Raises:
             UnmatchableFrameError: it cannot be read or rectified, or there is nothing to search in.
         """
-        return self._match(prior, self._decoded(prior), crops, radius_m)
+        return self._match(prior, self._decoded(prior), crops, radius_m, ground)
 
     def _match(
-        self, prior: Prior, image: ImageArray, crops: CropTtaConfig, radius_m: float
+        self,
+        prior: Prior,
+        image: ImageArray,
+        crops: CropTtaConfig,
+        radius_m: float,
+        ground: Ground | None = None,
     ) -> FrameMatch:
-        scene = self._scene(prior, image, radius_m)
+        scene = self._scene(prior, image, radius_m, ground)
         camera, thermal = scene.camera, scene.thermal
         evidence = None
         if self._second is not None:
@@ -202,16 +212,20 @@ class FrameMatcher:
             match.estimate.scores, match.scene.placement, scene.placement, scene.shifts
         )
 
-    def scene(self, prior: Prior, radius_m: float) -> Scene:
+    def scene(self, prior: Prior, radius_m: float, ground: Ground | None = None) -> Scene:
         """Return a frame, rectified, and the map within ``radius_m`` of where it may lie.
+
+        ``ground`` as in :meth:`match`.
 
         Raises:
             UnmatchableFrameError: it cannot be read or rectified, or the map has nothing there.
         """
-        return self._scene(prior, self._decoded(prior), radius_m)
+        return self._scene(prior, self._decoded(prior), radius_m, ground)
 
-    def _scene(self, prior: Prior, image: ImageArray, radius_m: float) -> Scene:
-        camera, thermal = self._rectified(prior, image)
+    def _scene(
+        self, prior: Prior, image: ImageArray, radius_m: float, ground: Ground | None
+    ) -> Scene:
+        camera, thermal = self._rectified(prior, image, ground)
         nadir_m = self.local.to_metres(np.array([prior.lat_deg, prior.lon_deg]))
         ortho_origin_px = metres_to_grid(self.grid, nadir_m) - thermal.nadir_px
         features = self._read_window(thermal, ortho_origin_px, radius_m)
@@ -226,13 +240,16 @@ class FrameMatcher:
         except UnreadableFrameError as error:
             raise UnmatchableFrameError(Reason.UNREADABLE, error) from error
 
-    def _rectified(self, prior: Prior, image: ImageArray) -> tuple[CameraModel, Ortho]:
+    def _rectified(
+        self, prior: Prior, image: ImageArray, ground: Ground | None
+    ) -> tuple[CameraModel, Ortho]:
         try:
             height_px, width_px = image.shape
             camera = self._camera.model_of_frame(prior.frame.path, width_px, height_px)
+            over = None if ground is None else ground.over(camera, prior)
             with self._timer.stage("rectify"):
                 return camera, rectify(
-                    image, camera, prior, self.grid.gsd_m, multiple_px=_ALIGNMENT_PX
+                    image, camera, prior, self.grid.gsd_m, multiple_px=_ALIGNMENT_PX, over=over
                 )
         except UnreadableFrameError as error:
             raise UnmatchableFrameError(Reason.UNREADABLE, error) from error

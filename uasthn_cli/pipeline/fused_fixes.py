@@ -3,6 +3,7 @@
 import logging
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,15 +16,18 @@ from uasthn_cli.fusion.offsets import (
     summarise_posterior,
 )
 from uasthn_cli.fusion.spool import LikelihoodSpool
-from uasthn_cli.geometry.camera import HorizonError, homography_frame_ground
+from uasthn_cli.geometry.camera import HorizonError, homography_frame_ground, undistort_points
+from uasthn_cli.geometry.corners import image_corners_px
 from uasthn_cli.geometry.geodesy import LocalFrame, distance_m
 from uasthn_cli.geometry.placement import Placement, place_frame, translation
+from uasthn_cli.geometry.surface import CameraOverSurface
 from uasthn_cli.pipeline.flight_stage import (
     FlightFrame,
     FusedFlight,
     agreement_m,
     moved_prior,
 )
+from uasthn_cli.pipeline.ground import Ground
 from uasthn_cli.pipeline.neighbours import neighbours_in_words
 from uasthn_cli.pipeline.trust_model import Agreement, CameraTrust, TrustModel
 from uasthn_cli.types import (
@@ -84,11 +88,12 @@ def fused_results(
     grid: OffsetGrid,
     trust_model: TrustModel,
     local: LocalFrame,
+    ground: Ground | None = None,
 ) -> list[FrameResult]:
     """Return the flight's answer for every frame it can place; other frames keep their own.
 
     ``refined`` ``(T,)`` are the flight's frames near their places, on offsets of ``grid``. Both are
-    read once, an entry at a time.
+    read once, an entry at a time. ``ground`` None: it is flat.
     """
     cameras, likelihoods = _taken_apart(refined)
     offsets_m, covariances_m2 = fused_offsets_m(flight, likelihoods, grid)
@@ -99,7 +104,7 @@ def fused_results(
     for index, (frame, camera) in enumerate(zip(flight.frames, cameras, strict=True)):
         moved_m = offsets_m[index] - flight.offsets_m[index]
         posed = moved_prior(flight.corrected_priors[index], moved_m, local)
-        placed = None if camera is None else _placed(camera, posed, local)
+        placed = None if camera is None else _placed(camera, posed, local, ground)
         if placed is None:
             continue
         summary = summarise_posterior(
@@ -160,9 +165,14 @@ def near_frames(total: int) -> list[range]:
     return [range(start, min(start + width, total)) for start in first]
 
 
-def _placed(camera: CameraModel, prior: Prior, local: LocalFrame) -> Placement | None:
+def _placed(
+    camera: CameraModel, prior: Prior, local: LocalFrame, ground: Ground | None
+) -> Placement | None:
     """Return where a frame lies; None where a corrected clock has it look above the horizon."""
     try:
+        over = None if ground is None else ground.over(camera, prior)
+        if over is not None:
+            return place_over_surface(over, prior, local)
         return place_from_geometry(camera, prior, local)
     except HorizonError as error:
         _log.debug("%s: %s", prior.frame.name, error)
@@ -181,6 +191,23 @@ def place_from_geometry(camera: CameraModel, prior: Prior, local: LocalFrame) ->
     flipped = np.diag([1.0, -1.0, 1.0])
     H_frame_grid = translation(nadir_px) @ flipped @ H_frame_ground
     return place_frame(camera, prior.attitude, H_frame_grid, nadir_px, _METRE_GRID)
+
+
+def place_over_surface(over: CameraOverSurface, prior: Prior, local: LocalFrame) -> Placement:
+    """Return where a frame lies over relief: where the rays of its centre and corners end.
+
+    Raises:
+        HorizonError: a corner of the frame does not look at the ground.
+    """
+    camera = over.camera
+    width_px, height_px = camera.width_px, camera.height_px
+    center_px = np.array([[(width_px - 1) / 2, (height_px - 1) / 2]])
+    seen_px = np.vstack([center_px, image_corners_px(width_px, height_px)])
+    places_m = over.to_ground(undistort_points(camera, seen_px))
+    # flat ground as far below as the centre's gives heading and ground size of the centre pixel
+    height_m = over.altitude_m - float(over.ground_m(places_m[0]))
+    flat = place_from_geometry(camera, replace(prior, height_above_ground_m=height_m), local)
+    return replace(flat, center_m=places_m[0], corners_m=places_m[1:])
 
 
 def _own_rejection(frame: FlightFrame) -> Rejection | None:

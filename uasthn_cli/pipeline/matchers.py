@@ -118,7 +118,7 @@ def choose_gsds_m(job: GeotagJob, priors: list[Prior], native_m: float) -> tuple
     (enlarging a coarse map helps: features come at half the image's resolution); the refinement
     256 px wide, at most as fine as the map.
     """
-    camera = _first_camera(job, priors)
+    camera = first_camera(job, priors)
     height_m = float(np.median([prior.height_above_ground_m for prior in priors]))
     footprint_m = height_m * camera.width_px / camera.focal_x_px
     search_m = max(native_m / MAX_MAP_ENLARGEMENT, _shared_gsd_m(footprint_m / THERMAL_WIDTH_PX))
@@ -140,7 +140,8 @@ def _shared_gsd_m(gsd_m: float) -> float:
     return float(GSD_STEP ** round(math.log(gsd_m, GSD_STEP)))
 
 
-def _first_camera(job: GeotagJob, priors: list[Prior]) -> CameraModel:
+def first_camera(job: GeotagJob, priors: list[Prior]) -> CameraModel:
+    """Return the camera of the first frame that can be read."""
     for prior in priors:
         try:
             return job.camera.model_of_frame(prior.frame.path, *frame_size_px(prior.frame.path))

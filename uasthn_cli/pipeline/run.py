@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,6 +19,7 @@ from uasthn_cli.ingest.priors import PriorSet, build_priors, look_up
 from uasthn_cli.ingest.telemetry import Telemetry
 from uasthn_cli.mapping.reader import native_gsd_m
 from uasthn_cli.matching.spec import WeightsUse
+from uasthn_cli.pipeline.datum_trial import likeliest_ground
 from uasthn_cli.pipeline.estimators import (
     open_base,
     open_refine_estimator,
@@ -31,6 +32,7 @@ from uasthn_cli.pipeline.flight_stage import FlightStage, FusedFlight, RebuildPr
 from uasthn_cli.pipeline.frame_matcher import FrameMatcher
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
+from uasthn_cli.pipeline.ground import Ground
 from uasthn_cli.pipeline.job import (
     GeotagJob,
     chosen_calibration,
@@ -39,6 +41,7 @@ from uasthn_cli.pipeline.job import (
     settled_jobs,
 )
 from uasthn_cli.pipeline.matchers import MatcherBuilder, choose_gsds_m, shared_frame
+from uasthn_cli.pipeline.open_ground import open_ground
 from uasthn_cli.pipeline.parallel import in_order, one_core_each
 from uasthn_cli.pipeline.timing import StageTimer
 from uasthn_cli.pipeline.trust_model import TrustModel
@@ -60,6 +63,15 @@ _FINER = 0.8
 """A grid for the refinement must be this much finer than the search's to be worth having."""
 
 
+@dataclass(frozen=True, slots=True)
+class LoggedFlight:
+    """What the log says of a flight's frames, over the relief below them; None: ground is flat."""
+
+    priors: PriorSet
+    rebuild: RebuildPriors
+    ground: Ground | None
+
+
 class Run:
     """An opened run: priors are known, the map is open, the estimator is loaded.
 
@@ -71,8 +83,7 @@ class Run:
     def __init__(
         self,
         job: GeotagJob,
-        priors: PriorSet,
-        rebuild: RebuildPriors,
+        flight: LoggedFlight,
         matchers: tuple[FrameMatcher, FrameMatcher],
         uncertainty: UncertaintyChoice,
         map_crs: str,
@@ -80,7 +91,8 @@ class Run:
         timer: StageTimer,
     ) -> None:
         """Wire the stages together; ``matchers`` search, and refine near a known place."""
-        self.priors, self.map_crs, self._timer, self._job = priors, map_crs, timer, job
+        self.priors, self.ground = flight.priors, flight.ground
+        self.map_crs, self._timer, self._job = map_crs, timer, job
         self.camera, self.fuses, self.jobs = job.camera, job.config.fuse, settled_jobs(job)
         self._search_matcher, self._refine_matcher = matchers
         self.calibration = chosen_calibration(job)
@@ -91,7 +103,11 @@ class Run:
             self._search_matcher, self._trust_model, job.config, uncertainty
         )
         self._flight_stage = FlightStage(
-            self._search_matcher, self._refine_matcher, self._frame_stage.offset_grid, rebuild
+            self._search_matcher,
+            self._refine_matcher,
+            self._frame_stage.offset_grid,
+            flight.rebuild,
+            flight.ground,
         )
 
     @property
@@ -152,6 +168,7 @@ class Run:
                 self._flight_stage.refine_grid,
                 self._trust_model,
                 self._search_matcher.local,
+                self.ground,
             )
 
     def describe(self) -> dict[str, Any]:
@@ -168,6 +185,7 @@ class Run:
             "height_source": self.priors.height_source,
             "altitude_source": self.priors.altitude_source,
             "attitude_source": self.priors.attitude_source,
+            "ground": self.ground and self.ground.describe(self.priors.results),
             "estimator": self._search_matcher.estimator.name,
             "uncertainty": self._described_uncertainty(),
             "map_pixel_m": round(self._map_pixel_m, 6),
@@ -217,20 +235,23 @@ def open_run(job: GeotagJob, estimator: Estimator | None = None) -> Iterator[Run
         priors = build_priors(
             telemetry, frames, config=job.prior, frame_times_csv=job.frame_times_csv
         )
-    rebuild = partial(_rebuilt_priors, telemetry, frames, job.prior, priors)
+        grounds = open_ground(job, telemetry, priors)
+    look_up_later = partial(_rebuilt_priors, telemetry, frames, job.prior)
     with ExitStack() as maps:
-        yield _opened(job, estimator, priors, rebuild, timer, maps)
+        yield _opened(job, estimator, priors, grounds, look_up_later, timer, maps)
 
 
 def _opened(
     job: GeotagJob,
     estimator: Estimator | None,
-    priors: PriorSet,
-    rebuild: RebuildPriors,
+    logged: PriorSet,
+    grounds: tuple[Ground, ...],
+    look_up_later: Callable[[PriorSet, Ground | None, float], dict[str, Prior]],
     timer: StageTimer,
     maps: ExitStack,
 ) -> Run:
     """Open the map, load the estimator unless one is given, and build the matchers."""
+    priors = grounds[0].settled_set(logged) if grounds else logged
     located = _with_position(job, priors)
     positions = np.array([(prior.lat_deg, prior.lon_deg) for prior in located])
     local = shared_frame(positions)
@@ -251,9 +272,14 @@ def _opened(
         refine_map = build.open_map(refine_gsd_m) if is_finer else search_map
         refiner = estimator or open_refine_estimator(job, base, is_finer=is_finer)
         refine_matcher = build.matcher(refine_map, refiner, build.tiles(refine_map, refiner))
+    ground = None
+    if grounds:
+        ground = likeliest_ground(grounds, logged, search_matcher, job.config.search_radius_m)
+        priors = ground.settled_set(logged)
+    flight = LoggedFlight(priors, partial(look_up_later, priors, ground), ground)
     matchers = search_matcher, refine_matcher
     crs = search_map.place.crs_wkt
-    return Run(job, priors, rebuild, matchers, uncertainty, crs, native_m, timer)
+    return Run(job, flight, matchers, uncertainty, crs, native_m, timer)
 
 
 def _is_finer(refine_gsd_m: float, search_gsd_m: float) -> bool:
@@ -290,9 +316,12 @@ def _rebuilt_priors(
     frames: list[FrameFile],
     config: PriorConfig,
     priors: PriorSet,
+    ground: Ground | None,
     added_s: float,
 ) -> dict[str, Prior]:
     """Return priors by frame name with ``added_s`` on the frames' times, known as they are."""
     later = replace(config, time_offset_s=config.time_offset_s + added_s)
     entries = look_up(telemetry, frames, priors.time_base.clock, priors.frame_times, later)
-    return {entry.frame.name: entry for entry in entries if isinstance(entry, Prior)}
+    found = [entry for entry in entries if isinstance(entry, Prior)]
+    settled = found if ground is None else map(ground.settled, found)
+    return {prior.frame.name: prior for prior in settled}
