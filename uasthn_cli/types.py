@@ -61,8 +61,9 @@ class Attitude:
 class CameraModel:
     """A pinhole camera with OpenCV distortion, for frames of one size.
 
-    ``mount_yaw_rad`` turns the camera clockwise about the body's down axis: 0 means that the top of
-    the image is the nose of the aircraft.
+    The mount turns the camera against the body as an attitude turns a body against the ground: yaw
+    first, clockwise about the down axis, then pitch, then roll. All 0 means that the camera looks
+    along the body's down axis, the top of the image being the nose of the aircraft.
     """
 
     width_px: int
@@ -73,6 +74,13 @@ class CameraModel:
     principal_y_px: float
     distortion: tuple[float, ...] = ()
     mount_yaw_rad: float = 0.0
+    mount_roll_rad: float = 0.0
+    mount_pitch_rad: float = 0.0
+
+    @property
+    def mount(self) -> Attitude:
+        """How the camera is turned against the body."""
+        return Attitude(self.mount_roll_rad, self.mount_pitch_rad, self.mount_yaw_rad)
 
 
 @dataclass(frozen=True, slots=True)

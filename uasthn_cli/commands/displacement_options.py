@@ -24,6 +24,7 @@ XCORR_ONLY: Final = (
 
 _CAMERA: Final = (
     *("hfov_deg", "focal_mm", "pixel_pitch_um", "camera_name", "distortion", "mount_yaw_deg"),
+    *("mount_roll_deg", "mount_pitch_deg"),
 )
 
 pairs_option = section_option("Pairs (dhn, ihn, sthn)")

@@ -77,6 +77,8 @@ def _camera_spec(
     camera_name: str | None,
     distortion: tuple[float, ...],
     mount_yaw_deg: float,
+    mount_roll_deg: float,
+    mount_pitch_deg: float,
 ) -> "CameraSpec":
     """Return the camera that the options describe; contradictions are its own to refuse."""
     from uasthn_cli.ingest.cameras import CameraSpec
@@ -88,6 +90,8 @@ def _camera_spec(
         name=camera_name,
         distortion=distortion,
         mount_yaw_deg=mount_yaw_deg,
+        mount_roll_deg=mount_roll_deg,
+        mount_pitch_deg=mount_pitch_deg,
     )
 
 
@@ -154,6 +158,24 @@ camera_options: Final = gathered(
         show_default=True,
         help="Turn of the camera about the aircraft's down axis, clockwise seen from above; 0: the"
         " top of the image is the nose.",
+    ),
+    camera_option(
+        "--mount-roll",
+        "mount_roll_deg",
+        type=FiniteRange(-30, 30),
+        default=0.0,
+        metavar="DEG",
+        show_default=True,
+        help="Roll of the camera against the aircraft, as that of an aircraft: positive looks left.",
+    ),
+    camera_option(
+        "--mount-pitch",
+        "mount_pitch_deg",
+        type=FiniteRange(-30, 30),
+        default=0.0,
+        metavar="DEG",
+        show_default=True,
+        help="Pitch of the camera against the aircraft: positive looks ahead.",
     ),
 )
 

@@ -1,6 +1,6 @@
 """Pinhole camera and the ground plane.
 
-A nadir camera looks along body z with the image's top towards body x, turned by the mount yaw; body
+A nadir camera looks along body z with the image's top towards body x, turned by the mount; body
 axes are those of :mod:`uasthn_cli.geometry.rotation`.
 """
 
@@ -45,8 +45,7 @@ def ned_rays(camera: CameraModel, attitude: Attitude) -> FloatArray:
     Raises:
         HorizonError: a corner of the frame does not look at the ground.
     """
-    c, s = math.cos(camera.mount_yaw_rad), math.sin(camera.mount_yaw_rad)
-    body_from_mount = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    body_from_mount = rotation_ned_from_body(camera.mount)
     mount_from_optical = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     rays: FloatArray = (
         rotation_ned_from_body(attitude)

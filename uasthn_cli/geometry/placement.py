@@ -70,7 +70,7 @@ def place_frame(
     ground = grid_to_metres(grid, transform_points(H_frame_grid, frame_px))
     corners, middle, (top, bottom, left, right) = ground[:4], ground[4], ground[5:]
     up, across = top - bottom, right - left
-    logged = turned_attitude(attitude, camera.mount_yaw_rad)
+    logged = turned_attitude(attitude, camera.mount)
     yaw_rad = math.atan2(up[0], up[1]) - _top_direction_rad(logged.roll_rad, logged.pitch_rad)
     return Placement(
         corners_m=corners,

@@ -31,10 +31,22 @@ def rotation_ned_from_body(attitude: Attitude) -> FloatArray:
     )
 
 
-def turned_attitude(attitude: Attitude, mount_yaw_rad: float) -> Attitude:
-    """Return the attitude of axes that are turned about the down axis of a body, clockwise."""
-    turn = rotation_ned_from_body(Attitude(0.0, 0.0, mount_yaw_rad))
+def turned_attitude(attitude: Attitude, mount: Attitude) -> Attitude:
+    """Return the attitude of axes that are turned by ``mount`` against a body's."""
+    turn = rotation_ned_from_body(mount)
     return attitude_from_rotation(rotation_ned_from_body(attitude) @ turn)
+
+
+def tilted_attitude(
+    attitude: Attitude, mount: Attitude, roll_rad: float, pitch_rad: float
+) -> Attitude:
+    """Return a body's attitude after what is mounted on it was turned about its own axes.
+
+    The mount stays as it is: the body takes the turn over.
+    """
+    turn = rotation_ned_from_body(mount)
+    tilt = rotation_ned_from_body(Attitude(roll_rad, pitch_rad, 0.0))
+    return attitude_from_rotation(rotation_ned_from_body(attitude) @ turn @ tilt @ turn.T)
 
 
 def attitude_from_rotation(rotation: FloatArray) -> Attitude:

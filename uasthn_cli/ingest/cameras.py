@@ -42,8 +42,9 @@ class CameraSpec:
 
     One of: ``hfov_deg`` across the full width; ``focal_mm`` with ``pixel_pitch_um``; the ``name``
     of a row of :data:`~uasthn_cli.ingest.camera_table.CAMERAS`; or nothing, for the focal length in
-    EXIF. ``distortion`` holds OpenCV's coefficients, ``mount_yaw_deg`` turns the camera clockwise
-    seen from above. The principal point is the middle of the frame.
+    EXIF. ``distortion`` holds OpenCV's coefficients. ``mount_yaw_deg`` turns the camera clockwise
+    seen from above, ``mount_pitch_deg`` and ``mount_roll_deg`` then tilt it as they would the
+    aircraft. The principal point is the middle of the frame.
 
     Raises:
         CameraError: the description is contradictory, incomplete, or names an unknown camera.
@@ -55,6 +56,8 @@ class CameraSpec:
     name: str | None = None
     distortion: tuple[float, ...] = ()
     mount_yaw_deg: float = 0.0
+    mount_roll_deg: float = 0.0
+    mount_pitch_deg: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the description."""
@@ -94,6 +97,8 @@ class CameraSpec:
             principal_y_px=(height_px - 1) / 2.0,
             distortion=self.distortion,
             mount_yaw_rad=math.radians(self.mount_yaw_deg),
+            mount_roll_rad=math.radians(self.mount_roll_deg),
+            mount_pitch_rad=math.radians(self.mount_pitch_deg),
         )
 
     def model_of_frame(self, path: Path, width_px: int, height_px: int) -> CameraModel:
