@@ -4,12 +4,15 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from uasthn_cli.fusion.constants import Constant
+from uasthn_cli.fusion.pose_smoother import SmoothedPoses
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.pipeline import FusedFlight
 
 
-def flight_record(flight: FusedFlight) -> dict[str, Any]:
+def flight_record(flight: FusedFlight, poses: SmoothedPoses | None) -> dict[str, Any]:
     """Return diffusion and constants with their standard errors, ready for ``run.json``."""
     constants = flight.constants
     return {
@@ -17,15 +20,17 @@ def flight_record(flight: FusedFlight) -> dict[str, Any]:
         "mount_yaw_deg": _entry(constants.yaw_rad, math.degrees(1.0)),
         "height_log_scale": _entry(constants.log_scale, 1.0),
         "clock_s": _entry(constants.clock_s, 1.0),
+        "poses": None if poses is None else _poses_record(poses),
     }
 
 
-def flight_lines(camera: CameraSpec, flight: FusedFlight) -> list[str]:
+def flight_lines(camera: CameraSpec, flight: FusedFlight, poses: SmoothedPoses | None) -> list[str]:
     """Return a line for each constant that is certain, with the option that states it next time.
 
     They were corrected in this run already.
     """
-    return list(_lines(camera, flight))
+    mount = [] if poses is None else list(_mount_lines(camera, poses))
+    return [*_lines(camera, flight), *mount]
 
 
 def _lines(camera: CameraSpec, flight: FusedFlight) -> Iterator[str]:
@@ -52,6 +57,41 @@ def _lines(camera: CameraSpec, flight: FusedFlight) -> Iterator[str]:
             f"Frames are stamped {clock.value:+.2f} s (± {clock.error:.2f} s) too early, corrected;"
             f" next time: add {clock.value:+.2f} to --time-offset"
         )
+
+
+def _mount_lines(camera: CameraSpec, poses: SmoothedPoses) -> Iterator[str]:
+    angles = (
+        ("rolled", poses.mount_roll_rad, "--mount-roll", camera.mount_roll_deg),
+        ("pitched", poses.mount_pitch_rad, "--mount-pitch", camera.mount_pitch_deg),
+    )
+    for word, angle, option, stated_deg in angles:
+        if angle.is_significant:
+            value_deg, error_deg = math.degrees(angle.value), math.degrees(angle.error)
+            yield (
+                f"The camera's mount is {word} by {value_deg:+.2f}° (± {error_deg:.2f}°),"
+                f" corrected; next time: {option} {stated_deg + value_deg:.2f}"
+            )
+
+
+def _poses_record(poses: SmoothedPoses) -> dict[str, Any]:
+    """Return what the camera's attitude rests on: mount and clock, as far as the flight tells."""
+    degree = math.degrees(1.0)
+    errors_rad = np.sqrt(np.trace(poses.tilt_covariances_rad2, axis1=1, axis2=2) / 2)
+    return {
+        "mount_roll_deg": _posterior(poses.mount_roll_rad, degree),
+        "mount_pitch_deg": _posterior(poses.mount_pitch_rad, degree),
+        "clock_s": _posterior(poses.clock_s, 1.0),
+        "attitude_error_deg": round(degree * float(np.median(errors_rad)), 6),
+        "frames_with_perspective": poses.frames_with_perspective,
+    }
+
+
+def _posterior(constant: Constant, factor: float) -> dict[str, float]:
+    """Return mean and deviation after the flight was seen."""
+    return {
+        "value": round(constant.value * factor, 6),
+        "error": round(constant.error * factor, 6),
+    }
 
 
 def _entry(constant: Constant | None, factor: float) -> dict[str, Any] | None:

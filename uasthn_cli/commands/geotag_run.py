@@ -71,7 +71,9 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
                     cache_dir=job.cache_dir,
                 ),
                 calibration=run.calibration,
-                flight=None if outcome.flight is None else flight_record(outcome.flight),
+                flight=None
+                if outcome.flight is None
+                else flight_record(outcome.flight, outcome.poses),
                 **_described(job, run),
             )
             crs = run.map_crs if target.crs == MAP_CRS else target.crs

@@ -69,6 +69,6 @@ def finish_run(run: Run, journals: RunJournals) -> Outcome:
 def lines_of(job: GeotagJob, outcome: Outcome) -> list[str]:
     """Return what a person should hear of the flight: its constants, or why there is none."""
     if outcome.flight is not None:
-        return flight_lines(job.camera, outcome.flight)
+        return flight_lines(job.camera, outcome.flight, outcome.poses)
     is_missed = job.config.fuse and any(isinstance(result, Fix) for result in outcome.results)
     return [_UNFUSED] if is_missed and not job.spec.scores_shifts else []

@@ -166,7 +166,7 @@ camera_options: Final = gathered(
         default=0.0,
         metavar="DEG",
         show_default=True,
-        help="Roll of the camera against the aircraft, as that of an aircraft: positive looks left.",
+        help="Roll of the camera against the aircraft: positive looks left.",
     ),
     camera_option(
         "--mount-pitch",

@@ -30,13 +30,11 @@ _LEAST_DEVIATION = np.array([math.radians(1.3), 0.017])
 
 LEAST_FRAMES = 6
 _SIGNIFICANT = 3.0
-_LEAST_TURN_M_S = 2.0
-"""Between frames of one heading a late clock looks like a shift of the position."""
 
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A value, its standard error, and how many frames (or turns) it rests on."""
+    """A value, its standard error, and how many frames it rests on."""
 
     value: float
     error: float
@@ -137,30 +135,6 @@ def _square(side: int) -> FloatArray:
     """Return the whole steps ``(side², 2)`` of a square around 0."""
     steps = np.arange(side) - side // 2
     return np.array([(a, b) for a in steps for b in steps], dtype=np.float64)
-
-
-def clock_constant(
-    times_s: FloatArray, offsets_m: FloatArray, velocities_m_s: FloatArray, noise_m: float
-) -> Constant | None:
-    """Return by how much frames are stamped too early (seconds), from how offsets turn with flight.
-
-    ``offsets_m`` ``(T, 2)`` are the errors of the log's positions, ``velocities_m_s`` ``(T, 2)``.
-    A frame stamped too early by ``c`` was taken ``c`` times the velocity farther on. The offsets'
-    own wandering is slow, so differences between frames are regressed on differences of velocity;
-    ``noise_m`` is the least deviation of such a difference. None where the heading hardly changes.
-    """
-    if len(times_s) <= 1:
-        return None
-    change_m, turn_m_s = np.diff(offsets_m, axis=0), np.diff(velocities_m_s, axis=0)
-    turns = np.linalg.norm(turn_m_s, axis=1) > _LEAST_TURN_M_S
-    if turns.sum() < 2:
-        return None
-    change, turn = change_m[turns].ravel(), turn_m_s[turns].ravel()
-    power = float(turn @ turn)
-    value = float(turn @ change) / power
-    residual = change - value * turn
-    deviation = max(float(np.sqrt(np.mean(residual**2))), noise_m)
-    return Constant(value, deviation / math.sqrt(power), int(turns.sum()))
 
 
 def _applied(constant: Constant | None) -> float:

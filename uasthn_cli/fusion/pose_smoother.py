@@ -2,9 +2,9 @@
 
 Each frame was found a little beside where the log has it. A drifting position moves it to the same
 side whichever way the aircraft looks, a mount turned in roll or pitch moves it with the heading, a
-late clock along the path of the frame's centre. All are one linear state with Gaussian noise, which
-a Kalman filter and a Rauch-Tung-Striebel smoother tell apart (Särkkä, Bayesian Filtering and
-Smoothing, 2013, algorithms 4.1 and 8.1).
+late clock along the path of the frame's centre; perspective within a frame shows its tilt. All are
+one linear state with Gaussian noise, which a Kalman filter and a Rauch-Tung-Striebel smoother tell
+apart (Särkkä, Bayesian Filtering and Smoothing, 2013, algorithms 4.1 and 8.1).
 """
 
 import math
@@ -20,7 +20,9 @@ from uasthn_cli.types import FloatArray
 _STATES: Final = 9
 _PLACE, _RATE, _MOUNT, _WANDER = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
 _CLOCK: Final = 8
+_OFFSET, _TILT = slice(0, 2), slice(2, 4)
 """The state: position's error and its rate (east, north), mount and attitude (roll, pitch), clock.
+A frame is known by the offset of its centre and by its tilt.
 """
 
 _DRIFTS: Final = np.array(
@@ -34,8 +36,13 @@ _WANDER_MEMORY_S = 60.0
 _STUDENT_DEGREES = 4.0
 """Frames' own places scatter by a Student distribution: a few are far off."""
 
-_SILENT_M2 = 1e8
-"""Variance of a frame that says nothing."""
+_MOUNT_PER_ATTITUDE_ERROR: Final = 1.5
+_WANDER_PER_ATTITUDE_ERROR: Final = 0.5
+_CLOCK_ERROR_S: Final = 0.5
+"""What is expected before a flight is seen; the first two per expected error of the attitude."""
+
+_SILENT = 1e8
+"""Variance of what says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +52,8 @@ class PoseObservations:
     ``times_s`` ``(T,)`` in order; ``offsets_m`` ``(T, 2)`` (east, north), those of silent frames
     being NaN, with ``covariances_m2`` ``(T, 2, 2)``; ``per_tilt_m`` ``(T, 2, 2)`` metres by which a
     frame's centre moves, a column for a radian of roll and of pitch; ``per_second_m`` ``(T, 2)``
-    metres by which it moves in a second of the log.
+    metres by which it moves in a second of the log. ``tilts_rad`` ``(T, 2)`` is what perspective
+    adds to roll and pitch, NaN where nobody looked, with ``tilt_covariances_rad2`` ``(T, 2, 2)``.
     """
 
     times_s: FloatArray
@@ -53,6 +61,8 @@ class PoseObservations:
     covariances_m2: FloatArray
     per_tilt_m: FloatArray
     per_second_m: FloatArray
+    tilts_rad: FloatArray
+    tilt_covariances_rad2: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +74,23 @@ class PoseDeviations:
     clock_s: float
 
 
+def expected_deviations(attitude_error_rad: float) -> PoseDeviations:
+    """Return what is expected of a flight whose logged roll and pitch are as wrong as given."""
+    return PoseDeviations(
+        _MOUNT_PER_ATTITUDE_ERROR * attitude_error_rad,
+        _WANDER_PER_ATTITUDE_ERROR * attitude_error_rad,
+        _CLOCK_ERROR_S,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class SmoothedPoses:
     """What the frames of a flight say together.
 
     ``tilt_rad`` ``(T, 2)`` is to be added to roll and pitch of each frame, mount and attitude
     together, with ``tilt_covariances_rad2`` ``(T, 2, 2)``. ``mount_roll_rad``,
-    ``mount_pitch_rad`` and ``clock_s`` are constants of the flight.
+    ``mount_pitch_rad`` and ``clock_s`` are constants of the flight. ``frames_with_perspective``
+    showed their tilt themselves.
     """
 
     tilt_rad: FloatArray
@@ -78,6 +98,7 @@ class SmoothedPoses:
     mount_roll_rad: Constant
     mount_pitch_rad: Constant
     clock_s: Constant
+    frames_with_perspective: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,28 +112,38 @@ class _Step:
 
 def smooth_poses(seen: PoseObservations, expected: PoseDeviations) -> SmoothedPoses:
     """Return what T frames say together; how the position drifts is the likeliest of a few ways."""
-    speaks = np.isfinite(seen.offsets_m).all(axis=1)
-    offsets_m = np.where(speaks[:, None], seen.offsets_m, 0.0)
-    own_m2 = np.where(speaks[:, None, None], seen.covariances_m2, _SILENT_M2 * np.eye(2))
+    found, noise = _measured(seen)
     design = _design(seen)
-    log_evidence, _ = _filter(seen.times_s, offsets_m, own_m2, design, _DRIFTS, expected)
+    log_evidence, _ = _filter(seen.times_s, found, noise, design, _DRIFTS, expected)
     drift = _DRIFTS[[int(log_evidence.argmax())]]
-    means, covariances = _smooth(seen.times_s, offsets_m, own_m2, design, drift, expected)
-    residual_m = offsets_m - (design @ means[..., None])[..., 0]
-    spread_m2 = design @ covariances @ design.transpose(0, 2, 1) + own_m2
-    distance2 = np.einsum("ti,tij,tj->t", residual_m, np.linalg.inv(spread_m2), residual_m)
+    means, covariances = _smooth(seen.times_s, found, noise, design, drift, expected)
+    residual = (found - (design @ means[..., None])[..., 0])[:, _OFFSET]
+    spread = (design @ covariances @ design.transpose(0, 2, 1) + noise)[:, _OFFSET, _OFFSET]
+    distance2 = np.einsum("ti,tij,tj->t", residual, np.linalg.inv(spread), residual)
     weights = (_STUDENT_DEGREES + 2.0) / (_STUDENT_DEGREES + distance2)
-    robust_m2 = own_m2 / np.minimum(weights, 1.0)[:, None, None]
-    means, covariances = _smooth(seen.times_s, offsets_m, robust_m2, design, drift, expected)
-    return _told_apart(means, covariances, int(speaks.sum()))
+    noise[:, _OFFSET, _OFFSET] /= np.minimum(weights, 1.0)[:, None, None]
+    means, covariances = _smooth(seen.times_s, found, noise, design, drift, expected)
+    return _told_apart(seen, means, covariances)
+
+
+def _measured(seen: PoseObservations) -> tuple[FloatArray, FloatArray]:
+    """Return what is known of each frame ``(T, 4)``, offset and tilt, and its noise."""
+    found = np.concatenate([seen.offsets_m, seen.tilts_rad], axis=1)
+    noise = np.zeros((len(found), 4, 4))
+    parts = ((_OFFSET, seen.covariances_m2), (_TILT, seen.tilt_covariances_rad2))
+    for part, covariances in parts:
+        speaks = np.isfinite(found[:, part]).all(axis=1)
+        noise[:, part, part] = np.where(speaks[:, None, None], covariances, _SILENT * np.eye(2))
+    return np.nan_to_num(found), noise
 
 
 def _design(seen: PoseObservations) -> FloatArray:
-    """Return ``(T, 2, 9)``: metres by which each part of the state moves a frame's centre."""
-    design = np.zeros((len(seen.times_s), 2, _STATES))
-    design[:, :, _PLACE] = np.eye(2)
-    design[:, :, _MOUNT] = design[:, :, _WANDER] = seen.per_tilt_m
-    design[:, :, _CLOCK] = seen.per_second_m
+    """Return ``(T, 4, 9)``: what each part of the state makes of a frame's offset and tilt."""
+    design = np.zeros((len(seen.times_s), 4, _STATES))
+    design[:, _OFFSET, _PLACE] = np.eye(2)
+    design[:, _OFFSET, _MOUNT] = design[:, _OFFSET, _WANDER] = seen.per_tilt_m
+    design[:, _OFFSET, _CLOCK] = seen.per_second_m
+    design[:, _TILT, _MOUNT] = design[:, _TILT, _WANDER] = np.eye(2)
     return design
 
 
@@ -145,8 +176,8 @@ def _transition(
 
 def _filter(
     times_s: FloatArray,
-    offsets_m: FloatArray,
-    noise_m2: FloatArray,
+    found: FloatArray,
+    noise: FloatArray,
     design: FloatArray,
     drifts: FloatArray,
     expected: PoseDeviations,
@@ -155,16 +186,16 @@ def _filter(
     mean, covariance = np.zeros((len(drifts), _STATES)), _start(drifts, expected)
     log_evidence, steps = np.zeros(len(drifts)), []
     for index, step_s in enumerate(np.diff(times_s, prepend=times_s[0]).tolist()):
-        transition, noise = _transition(step_s, drifts, expected.wander_rad)
-        mean, covariance = mean @ transition.T, transition @ covariance @ transition.T + noise
+        transition, added = _transition(step_s, drifts, expected.wander_rad)
+        mean, covariance = mean @ transition.T, transition @ covariance @ transition.T + added
         predicted = mean[0], covariance[0]
         moved = covariance @ design[index].T
-        spread_m2 = design[index] @ moved + noise_m2[index]
-        gain = moved @ np.linalg.inv(spread_m2)
-        residual_m = (offsets_m[index] - mean @ design[index].T)[..., None]
-        distance2 = (residual_m * np.linalg.solve(spread_m2, residual_m)).sum(axis=(1, 2))
-        log_evidence -= 0.5 * (distance2 + np.log(np.linalg.det(spread_m2)))
-        mean = mean + (gain @ residual_m)[..., 0]
+        spread = design[index] @ moved + noise[index]
+        gain = moved @ np.linalg.inv(spread)
+        residual = (found[index] - mean @ design[index].T)[..., None]
+        distance2 = (residual * np.linalg.solve(spread, residual)).sum(axis=(1, 2))
+        log_evidence -= 0.5 * (distance2 + np.log(np.linalg.det(spread)))
+        mean = mean + (gain @ residual)[..., 0]
         covariance = covariance - gain @ moved.transpose(0, 2, 1)
         covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
         steps.append(_Step(transition, predicted, (mean[0], covariance[0])))
@@ -173,14 +204,14 @@ def _filter(
 
 def _smooth(
     times_s: FloatArray,
-    offsets_m: FloatArray,
-    noise_m2: FloatArray,
+    found: FloatArray,
+    noise: FloatArray,
     design: FloatArray,
     drift: FloatArray,
     expected: PoseDeviations,
 ) -> tuple[FloatArray, FloatArray]:
     """Return means ``(T, 9)`` and covariances ``(T, 9, 9)`` given all frames."""
-    _, steps = _filter(times_s, offsets_m, noise_m2, design, drift, expected)
+    _, steps = _filter(times_s, found, noise, design, drift, expected)
     mean, covariance = steps[-1].updated
     means, covariances = [mean], [covariance]
     for step, following in zip(steps[-2::-1], steps[:0:-1], strict=True):
@@ -196,11 +227,16 @@ def _smooth(
     return np.array(means[::-1]), np.array(covariances[::-1])
 
 
-def _told_apart(means: FloatArray, covariances: FloatArray, speaking: int) -> SmoothedPoses:
+def _told_apart(
+    seen: PoseObservations, means: FloatArray, covariances: FloatArray
+) -> SmoothedPoses:
     tilt = np.zeros((2, _STATES))
     tilt[:, _MOUNT] = tilt[:, _WANDER] = np.eye(2)
+    placed, tilted = (
+        int(np.isfinite(values).all(axis=1).sum()) for values in (seen.offsets_m, seen.tilts_rad)
+    )
     roll, pitch, clock = (
-        Constant(float(means[-1, k]), math.sqrt(max(float(covariances[-1, k, k]), 0.0)), speaking)
+        Constant(float(means[-1, k]), math.sqrt(max(float(covariances[-1, k, k]), 0.0)), placed)
         for k in (_MOUNT.start, _MOUNT.start + 1, _CLOCK)
     )
-    return SmoothedPoses(means @ tilt.T, tilt @ covariances @ tilt.T, roll, pitch, clock)
+    return SmoothedPoses(means @ tilt.T, tilt @ covariances @ tilt.T, roll, pitch, clock, tilted)

@@ -10,6 +10,15 @@ from uasthn_cli.geometry.rotation import rotation_ned_from_body
 from uasthn_cli.types import Attitude, FloatArray
 
 
+def centre_from_camera_m(attitude: Attitude, height_m: float) -> FloatArray:
+    """Return metres (east, north) ``(2,)`` from below a camera to where it looks, on flat ground.
+
+    ``attitude`` is the camera's, the top of its image forward.
+    """
+    axis = rotation_ned_from_body(attitude)[:, 2]
+    return np.asarray(axis[[1, 0]] * (height_m / axis[2]))
+
+
 def camera_per_tilt_m(attitude: Attitude, height_m: float) -> FloatArray:
     """Return metres (east, north) that the camera is moved by a radian of roll, and of pitch.
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Final, Generic, Protocol, TypeVar
 
+from uasthn_cli.fusion.pose_smoother import SmoothedPoses
 from uasthn_cli.fusion.spool import ReadOnDemand
 from uasthn_cli.outputs.formatting import frame_of
 from uasthn_cli.pipeline.flight_stage import FusedFlight
@@ -88,6 +89,7 @@ class Outcome:
     results: list[FrameResult]
     computed_frames: int
     write_s: float
+    poses: SmoothedPoses | None = None
 
 
 class _InOrder(ReadOnDemand[T]):
@@ -125,8 +127,9 @@ def drive(run: Run, journals: Journals | None = None, progress: Progress = _sile
         return Outcome(located, None, [entry.result for entry in located], computed, write_s)
     refined = run.refine(flight, frozenset(kept.refined.finished))
     write_s += _append_missing(REFINING, len(flight.frames), kept.refined, refined, progress)
-    results = run.place_frames(located, flight, kept.refined.finished)
-    return Outcome(located, flight, results, computed, write_s)
+    poses = run.settle_poses(flight, kept.refined.finished)
+    results = run.place_frames(located, flight, kept.refined.finished, poses)
+    return Outcome(located, flight, results, computed, write_s, poses)
 
 
 def _append_missing(

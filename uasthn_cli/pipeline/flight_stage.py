@@ -2,28 +2,34 @@
 
 import logging
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uasthn_cli.config import TOLERANCE_M, CropTtaConfig
+from uasthn_cli.config import DEFAULT_ATTITUDE_ERROR_DEG, TOLERANCE_M, CropTtaConfig
 from uasthn_cli.fusion.constants import (
     LEAST_FRAMES,
     Constant,
     FlightConstants,
-    clock_constant,
     constants_of_views,
 )
 from uasthn_cli.fusion.diffusion import fit_diffusion
 from uasthn_cli.fusion.forward_backward import smooth
 from uasthn_cli.fusion.offsets import OffsetGrid, best_offset_m
+from uasthn_cli.fusion.pose_smoother import expected_deviations, smooth_poses
 from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.geodesy import LocalFrame
 from uasthn_cli.pipeline.frame_matcher import FrameMatcher, Scene, UnmatchableFrameError
 from uasthn_cli.pipeline.ground import Ground
 from uasthn_cli.pipeline.likelihoods import likelihood_of_match
+from uasthn_cli.pipeline.pose_observations import (
+    LoggedMotion,
+    RebuildPriors,
+    nothing_seen,
+    position_m,
+)
 from uasthn_cli.seam import Aligner
 from uasthn_cli.types import (
     Attitude,
@@ -53,9 +59,6 @@ _REFINE_CELLS_PER_PITCH = 4
 _REFINE_LARGEST_HALF = 150
 _REFINE_MARGIN_PITCHES = 3
 _WHOLE_FRAME = CropTtaConfig(views=1)
-
-RebuildPriors = Callable[[float], dict[str, Prior]]
-"""Priors by frame name when this many seconds are added to the frames' times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +103,10 @@ class FlightStage:
         grid: OffsetGrid,
         rebuild_priors: RebuildPriors,
         ground: Ground | None = None,
+        attitude_error_rad: float = math.radians(DEFAULT_ATTITUDE_ERROR_DEG),
     ) -> None:
         """Keep how the flight was searched and is refined; ``ground`` None: it is flat."""
-        self._ground = ground
+        self._ground, self._attitude_error_rad = ground, attitude_error_rad
         self._search_matcher, self._refine_matcher = search_matcher, refine_matcher
         self._grid, self._local = grid, search_matcher.local
         self._rebuild_priors = rebuild_priors
@@ -133,7 +137,7 @@ class FlightStage:
         offsets_m = np.array(
             [best_offset_m(entry, cell_m, np.zeros(2)) for entry in smoothed.posteriors]
         )
-        constants = self._constants(frames, offsets_m, velocities_m_s)
+        constants = self._constants(frames, offsets_m)
         return FusedFlight(
             frames=frames,
             times_s=times_s,
@@ -175,12 +179,10 @@ class FlightStage:
             name = frame.prior.frame.name
             end = later.get(name, frame.prior)
             start = frame.prior if name in later else earlier.get(name, frame.prior)
-            velocities.append(_position_m(end, self._local) - _position_m(start, self._local))
+            velocities.append(position_m(end, self._local) - position_m(start, self._local))
         return np.array(velocities)
 
-    def _constants(
-        self, frames: Sequence[FlightFrame], offsets_m: FloatArray, velocities_m_s: FloatArray
-    ) -> FlightConstants:
+    def _constants(self, frames: Sequence[FlightFrame], offsets_m: FloatArray) -> FlightConstants:
         """Estimate what stays wrong from frames that alone say what the flight says."""
         sure = agreeing(frames, offsets_m, self._local)
         sure &= np.array(
@@ -190,12 +192,31 @@ class FlightStage:
         if chosen.size > _CONSTANTS_FRAMES:
             chosen = chosen[np.linspace(0, chosen.size - 1, _CONSTANTS_FRAMES).round().astype(int)]
         views = self._views([(frames[i].prior, offsets_m[i]) for i in chosen.tolist()])
-        times_s = np.array([frame.prior.time_utc_s for frame in frames])
-        clock_s = clock_constant(
-            times_s[sure], offsets_m[sure], velocities_m_s[sure], self._search_matcher.pitch_m
-        )
         yaw_rad, log_scale = views or (None, None)
-        return FlightConstants(yaw_rad, log_scale, clock_s)
+        return FlightConstants(yaw_rad, log_scale, self._clock(frames, np.flatnonzero(sure)))
+
+    def _clock(self, frames: Sequence[FlightFrame], sure: NDArray[np.intp]) -> Constant | None:
+        """Return by how much frames are stamped too early, told apart from mount and drift.
+
+        None from too few ``sure`` frames.
+        """
+        if len(sure) < LEAST_FRAMES:
+            return None
+        camera = self._camera(frames[sure[0]].prior)
+        if camera is None:
+            return None
+        motion = LoggedMotion(self._rebuild_priors, 0.0, self._local)
+        seen = nothing_seen([frame.prior for frame in frames], camera)
+        for index in sure.tolist():
+            prior, single = frames[index].prior, frames[index].single
+            per_second_m = motion.per_second_m(prior, camera)
+            if single is None or per_second_m is None:
+                continue
+            own_m = self._local.to_metres(np.array([single.lat_deg, single.lon_deg]))
+            seen.offsets_m[index] = own_m - position_m(prior, self._local)
+            seen.covariances_m2[index] = single.trust.covariance_m2
+            seen.per_second_m[index] = per_second_m
+        return smooth_poses(seen, expected_deviations(self._attitude_error_rad)).clock_s
 
     def _views(
         self, places: Sequence[tuple[Prior, FloatArray]]
@@ -288,16 +309,12 @@ def agreement_m(
     for index, frame in enumerate(frames):
         if frame.single is not None:
             own_m = local.to_metres(np.array([frame.single.lat_deg, frame.single.lon_deg]))
-            fused_m = _position_m(frame.prior, local) + offsets_m[index]
+            fused_m = position_m(frame.prior, local) + offsets_m[index]
             distances[index] = np.linalg.norm(own_m - fused_m)
     return distances
 
 
 def moved_prior(prior: Prior, offset_m: FloatArray, local: LocalFrame) -> Prior:
     """Return a prior ``offset_m`` (east, north) farther."""
-    lat_deg, lon_deg = local.to_degrees(_position_m(prior, local) + offset_m)
+    lat_deg, lon_deg = local.to_degrees(position_m(prior, local) + offset_m)
     return replace(prior, lat_deg=float(lat_deg), lon_deg=float(lon_deg))
-
-
-def _position_m(prior: Prior, local: LocalFrame) -> FloatArray:
-    return local.to_metres(np.array([prior.lat_deg, prior.lon_deg]))

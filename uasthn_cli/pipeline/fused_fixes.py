@@ -15,12 +15,14 @@ from uasthn_cli.fusion.offsets import (
     flat_likelihood,
     summarise_posterior,
 )
+from uasthn_cli.fusion.pose_smoother import SmoothedPoses
 from uasthn_cli.fusion.spool import LikelihoodSpool
 from uasthn_cli.geometry.camera import HorizonError, homography_frame_ground, undistort_points
 from uasthn_cli.geometry.corners import image_corners_px
 from uasthn_cli.geometry.geodesy import LocalFrame, distance_m
 from uasthn_cli.geometry.placement import Placement, place_frame, translation
 from uasthn_cli.geometry.surface import CameraOverSurface
+from uasthn_cli.pipeline.flight_poses import tilted_prior
 from uasthn_cli.pipeline.flight_stage import (
     FlightFrame,
     FusedFlight,
@@ -89,11 +91,13 @@ def fused_results(
     trust_model: TrustModel,
     local: LocalFrame,
     ground: Ground | None = None,
+    poses: SmoothedPoses | None = None,
 ) -> list[FrameResult]:
     """Return the flight's answer for every frame it can place; other frames keep their own.
 
     ``refined`` ``(T,)`` are the flight's frames near their places, on offsets of ``grid``. Both are
-    read once, an entry at a time. ``ground`` None: it is flat.
+    read once, an entry at a time. ``ground`` None: it is flat. ``poses`` None: attitudes are
+    as logged.
     """
     cameras, likelihoods = _taken_apart(refined)
     offsets_m, covariances_m2 = fused_offsets_m(flight, likelihoods, grid)
@@ -104,6 +108,8 @@ def fused_results(
     for index, (frame, camera) in enumerate(zip(flight.frames, cameras, strict=True)):
         moved_m = offsets_m[index] - flight.offsets_m[index]
         posed = moved_prior(flight.corrected_priors[index], moved_m, local)
+        if poses is not None and camera is not None:
+            posed = tilted_prior(posed, camera, poses.tilt_rad[index], local)
         placed = None if camera is None else _placed(camera, posed, local, ground)
         if placed is None:
             continue
@@ -117,7 +123,10 @@ def fused_results(
         if rejection is None and (judged := trust_model.rejection_of_fused(trust)):
             said = neighbours_in_words(flight.frames, apart_m, near[index], index)
             rejection = Rejection(judged.reason, f"{judged.detail}: {said}")
-        camera_trust = trust_model.camera(trust, placed.attitude, posed.height_above_ground_m)
+        tilt_covariance = None if poses is None else poses.tilt_covariances_rad2[index]
+        camera_trust = trust_model.camera(
+            trust, placed.attitude, posed.height_above_ground_m, tilt_covariance
+        )
         answers[frame.prior.frame.name] = _fix(
             frame, posed, placed, trust, camera_trust, rejection, local
         )

@@ -1,5 +1,6 @@
 """Open the inputs of a run and walk its frames."""
 
+import math
 import os
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext
@@ -13,6 +14,7 @@ import numpy as np
 
 from uasthn_cli.config import PriorConfig, UeMethod
 from uasthn_cli.errors import NoPositionError
+from uasthn_cli.fusion.pose_smoother import SmoothedPoses
 from uasthn_cli.ingest.frames import list_frames
 from uasthn_cli.ingest.mavlink import read_telemetry
 from uasthn_cli.ingest.priors import PriorSet, build_priors, look_up
@@ -28,7 +30,8 @@ from uasthn_cli.pipeline.estimators import (
     settled_uncertainty,
     with_settled_device,
 )
-from uasthn_cli.pipeline.flight_stage import FlightStage, FusedFlight, RebuildPriors
+from uasthn_cli.pipeline.flight_poses import settled_poses
+from uasthn_cli.pipeline.flight_stage import FlightStage, FusedFlight
 from uasthn_cli.pipeline.frame_matcher import FrameMatcher
 from uasthn_cli.pipeline.frame_stage import FrameStage
 from uasthn_cli.pipeline.fused_fixes import fused_results
@@ -43,6 +46,7 @@ from uasthn_cli.pipeline.job import (
 from uasthn_cli.pipeline.matchers import MatcherBuilder, choose_gsds_m, shared_frame
 from uasthn_cli.pipeline.open_ground import open_ground
 from uasthn_cli.pipeline.parallel import in_order, one_core_each
+from uasthn_cli.pipeline.pose_observations import RebuildPriors
 from uasthn_cli.pipeline.timing import StageTimer
 from uasthn_cli.pipeline.trust_model import TrustModel
 from uasthn_cli.seam import Estimator
@@ -77,7 +81,8 @@ class Run:
 
     Its steps, which :func:`uasthn_cli.pipeline.driver.drive` takes: frames are located one by one
     (:meth:`locate`); with fusion, :meth:`fuse_flight` then settles the flight, :meth:`refine`
-    matches each frame again near where it settled, and :meth:`place_frames` ends it.
+    matches each frame again near where it settled, :meth:`settle_poses` says how the camera was
+    turned, and :meth:`place_frames` ends it.
     """
 
     def __init__(
@@ -91,10 +96,11 @@ class Run:
         timer: StageTimer,
     ) -> None:
         """Wire the stages together; ``matchers`` search, and refine near a known place."""
-        self.priors, self.ground = flight.priors, flight.ground
+        self.priors, self.ground, self._rebuild = flight.priors, flight.ground, flight.rebuild
         self.map_crs, self._timer, self._job = map_crs, timer, job
         self.camera, self.fuses, self.jobs = job.camera, job.config.fuse, settled_jobs(job)
         self._search_matcher, self._refine_matcher = matchers
+        self._attitude_error_rad = math.radians(job.config.attitude_error_deg)
         self.calibration = chosen_calibration(job)
         self._trust_model = TrustModel(job.config, self.calibration, map_pixel_m)
         self._map_pixel_m = map_pixel_m
@@ -108,6 +114,7 @@ class Run:
             self._frame_stage.offset_grid,
             flight.rebuild,
             flight.ground,
+            self._attitude_error_rad,
         )
 
     @property
@@ -156,20 +163,37 @@ class Run:
         yield from self._in_order(partial(self._flight_stage.refine, flight), indices)
 
     def place_frames(
-        self, located: Iterable[Located], flight: FusedFlight, refined: Mapping[str, RefinedFrame]
+        self,
+        located: Iterable[Located],
+        flight: FusedFlight,
+        refined: Mapping[str, RefinedFrame],
+        poses: SmoothedPoses | None = None,
     ) -> list[FrameResult]:
-        """Return the flight's answers, in the order of ``located``."""
+        """Return the flight's answers, in the order of ``located``; ``poses`` None: as logged."""
         with self._timer.stage("fuse"):
-            frames = (refined[frame.prior.frame.name] for frame in flight.frames)
             return fused_results(
                 located,
                 flight,
-                frames,
+                _in_flight(flight, refined),
                 self._flight_stage.refine_grid,
                 self._trust_model,
                 self._search_matcher.local,
                 self.ground,
+                poses,
             )
+
+    def settle_poses(
+        self, flight: FusedFlight, refined: Mapping[str, RefinedFrame]
+    ) -> SmoothedPoses | None:
+        """Return what the flight's frames say of the camera's attitude; None: too little."""
+        return settled_poses(
+            flight,
+            _in_flight(flight, refined),
+            self._refine_matcher,
+            self._rebuild,
+            self._attitude_error_rad,
+            self.ground,
+        )
 
     def describe(self) -> dict[str, Any]:
         """Return what was chosen for this run, ready for ``run.json``."""
@@ -280,6 +304,11 @@ def _opened(
     matchers = search_matcher, refine_matcher
     crs = search_map.place.crs_wkt
     return Run(job, flight, matchers, uncertainty, crs, native_m, timer)
+
+
+def _in_flight(flight: FusedFlight, refined: Mapping[str, RefinedFrame]) -> Iterator[RefinedFrame]:
+    """Yield refined frames in the flight's order."""
+    return (refined[frame.prior.frame.name] for frame in flight.frames)
 
 
 def _is_finer(refine_gsd_m: float, search_gsd_m: float) -> bool:
