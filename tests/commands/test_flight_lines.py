@@ -8,6 +8,7 @@ import pytest
 from uasthn_cli.commands.flight_lines import flight_lines, flight_record
 from uasthn_cli.fusion.constants import Constant, FlightConstants
 from uasthn_cli.fusion.offsets import OffsetGrid
+from uasthn_cli.fusion.pose_smoother import SmoothedPoses
 from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.pipeline import FusedFlight
 
@@ -60,5 +61,30 @@ def test_the_record_holds_values_errors_and_whether_they_were_corrected() -> Non
         "mount_yaw_deg": {"value": -2.5, "error": 0.1, "count": 12, "corrected": True},
         "height_log_scale": {"value": 0.039221, "error": 0.002, "count": 12, "corrected": True},
         "clock_s": {"value": 0.1, "error": 0.2, "count": 4, "corrected": False},
+        "poses": None,
     }
     assert flight_record(flight_with(FlightConstants()))["mount_yaw_deg"] is None
+
+
+def poses_with(roll: Constant, pitch: Constant) -> SmoothedPoses:
+    """Return what two frames say of a mount that is turned by this."""
+    covariances = np.tile(np.eye(2) * math.radians(0.5) ** 2, (2, 1, 1))
+    return SmoothedPoses(np.zeros((2, 2)), covariances, roll, pitch, Constant(0.1, 0.2, 9), 4)
+
+
+def test_a_mount_that_is_certainly_turned_is_told_with_its_option() -> None:
+    camera = CameraSpec(hfov_deg=45.0, mount_pitch_deg=1.0)
+    unsure = Constant(math.radians(0.5), math.radians(0.4), 30)
+    pitch = Constant(math.radians(-2.5), math.radians(0.3), 30)
+    flight = flight_with(FlightConstants())
+    (line,) = flight_lines(camera, flight, poses_with(unsure, pitch))
+    assert "pitched by -2.50° (± 0.30°)" in line
+    assert "--mount-pitch -1.50" in line
+    record = flight_record(flight, poses_with(unsure, pitch))["poses"]
+    assert record == {
+        "mount_roll_deg": {"value": 0.5, "error": 0.4},
+        "mount_pitch_deg": {"value": -2.5, "error": 0.3},
+        "clock_s": {"value": 0.1, "error": 0.2},
+        "attitude_error_deg": 0.5,
+        "frames_with_perspective": 4,
+    }

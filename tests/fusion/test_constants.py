@@ -10,91 +10,11 @@ from uasthn_cli.fusion.constants import (
     Constant,
     FlightConstants,
     ScoreFrames,
-    clock_constant,
     constants_of_views,
     paraboloid_peak,
 )
 from uasthn_cli.seam import Similarity
 from uasthn_cli.types import FloatArray
-
-SPEED_M_S = 15.0
-FRAME_S = 2.0
-
-
-def lanes(count: int, frames_a_lane: int = 6) -> tuple[FloatArray, FloatArray]:
-    """Return times ``(T,)`` and velocities ``(T, 2)`` of lanes flown east and west in turn."""
-    total = count * frames_a_lane
-    heading = 1.0 - 2.0 * ((np.arange(total) // frames_a_lane) % 2)
-    velocities = np.stack([SPEED_M_S * heading, np.zeros(total)], axis=1)
-    return FRAME_S * np.arange(float(total)), velocities
-
-
-def wandering(count: int, step_m: float, seed: int) -> FloatArray:
-    rng = np.random.default_rng(seed)
-    return rng.normal(0.0, step_m, (count, 2)).cumsum(axis=0)
-
-
-@pytest.mark.parametrize("clock_s", [-1.2, 0.5, 2.0])
-def test_convention_a_late_stamp_is_read_off_lanes_flown_both_ways(clock_s: float) -> None:
-    """Frames stamped too early by ``clock_s`` were taken that much farther along the way."""
-    times_s, velocities = lanes(10)
-    offsets_m = clock_s * velocities + wandering(len(times_s), 1.0, 1) + [30.0, -12.0]
-    found = clock_constant(times_s, offsets_m, velocities, noise_m=1.0)
-    assert found is not None
-    assert found.count == 9
-    assert found.is_significant
-    assert found.value == pytest.approx(clock_s, abs=3 * found.error)
-    assert found.error < 0.1
-    assert FlightConstants(clock_s=found).clock_to_apply_s == found.value
-
-
-def test_its_standard_error_is_the_deviation_over_many_flights() -> None:
-    times_s, velocities = lanes(12)
-    found = []
-    for seed in range(200):
-        offsets_m = 0.4 * velocities + wandering(len(times_s), 4.0, seed)
-        constant = clock_constant(times_s, offsets_m, velocities, noise_m=0.0)
-        assert constant is not None
-        found.append((constant.value, constant.error))
-    values, errors = np.array(found).T
-    assert values.mean() == pytest.approx(0.4, abs=0.02)
-    # motion across the lanes says nothing of the clock, yet half the residuals come from there
-    assert errors.mean() == pytest.approx(values.std(), rel=0.2)
-
-
-def test_noise_bounds_the_standard_error_from_below() -> None:
-    times_s, velocities = lanes(10)
-    found = clock_constant(times_s, 0.1 * velocities, velocities, noise_m=4.0)
-    assert found is not None
-    assert found.value == pytest.approx(0.1)
-    assert found.error == pytest.approx(4.0 / (2 * SPEED_M_S * 3))  # nine turns of twice the speed
-
-
-def test_a_straight_flight_says_nothing_of_its_clock() -> None:
-    times_s, velocities = lanes(1, 40)
-    offsets_m = 1.5 * velocities + wandering(40, 1.0, 0)
-    assert clock_constant(times_s, offsets_m, velocities, noise_m=1.0) is None
-    assert clock_constant(times_s[:1], offsets_m[:1], velocities[:1], noise_m=1.0) is None
-    assert clock_constant(times_s[:0], offsets_m[:0], velocities[:0], noise_m=1.0) is None
-
-
-def test_few_turns_are_not_enough_to_correct_a_clock() -> None:
-    times_s, velocities = lanes(4)
-    found = clock_constant(times_s, 1.0 * velocities, velocities, noise_m=0.1)
-    assert found is not None
-    assert found.count == 3
-    assert not found.is_significant
-    assert FlightConstants(clock_s=found).clock_to_apply_s == 0.0
-
-
-def test_a_correct_clock_stays_as_it_is() -> None:
-    times_s, velocities = lanes(12)
-    significant = 0
-    for seed in range(100):
-        found = clock_constant(times_s, wandering(len(times_s), 3.0, seed), velocities, 1.0)
-        assert found is not None
-        significant += found.is_significant
-    assert significant <= 3
 
 
 def frames_that_fit(

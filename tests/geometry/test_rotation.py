@@ -14,6 +14,8 @@ from uasthn_cli.geometry.rotation import (
     rotation_between,
     rotation_from_quaternion,
     rotation_ned_from_body,
+    tilted_attitude,
+    turned_attitude,
 )
 from uasthn_cli.types import Attitude
 
@@ -65,3 +67,22 @@ def test_quaternions_are_those_of_the_attitude(attitude: Attitude, length: float
     np.testing.assert_allclose(rotation_from_quaternion(length * quaternion), rotation, atol=1e-12)
     expected = Rotation.from_matrix(rotation).as_quat()
     assert abs(float(expected @ quaternion)) == pytest.approx(1.0, abs=1e-12)
+
+
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+def test_convention_a_tilted_body_tilts_its_camera_about_the_cameras_own_axes(
+    roll_rad: float, pitch_rad: float, yaw_rad: float, mount_yaw_rad: float
+) -> None:
+    body, mount = Attitude(roll_rad, pitch_rad, yaw_rad), Attitude(0.02, -0.03, mount_yaw_rad)
+    tilted = turned_attitude(tilted_attitude(body, mount, 0.04, -0.05), mount)
+    camera = rotation_ned_from_body(turned_attitude(body, mount))
+    expected = camera @ rotation_ned_from_body(Attitude(0.04, -0.05, 0.0))
+    assert rotation_ned_from_body(tilted) == pytest.approx(expected, abs=1e-12)
+
+
+def test_convention_a_mount_turns_first_then_pitches_then_rolls() -> None:
+    """On a level aircraft that heads north the mount is the attitude."""
+    camera = turned_attitude(Attitude(0.0, 0.0, 0.0), Attitude(0.1, 0.2, math.pi / 2))
+    assert (camera.roll_rad, camera.pitch_rad, camera.yaw_rad) == pytest.approx(
+        (0.1, 0.2, math.pi / 2)
+    )

@@ -269,7 +269,9 @@ def test_what_is_taken_over_from_journals_gives_the_same_answers(
         }
         refined |= {entry.frame.name: entry for entry in run.refine(fused_flight, skip=refined)}
         assert list(refined) == names
-        assert lines(run.place_frames(located, fused_flight, refined)) == lines(clean.results)
+        poses = run.settle_poses(fused_flight, refined)
+        results = run.place_frames(located, fused_flight, refined, poses)
+        assert lines(results) == lines(clean.results)
 
 
 def _refined_by_name(run: Run, outcome: Fused) -> list[tuple[str, RefinedFrame]]:

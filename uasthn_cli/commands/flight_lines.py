@@ -12,7 +12,7 @@ from uasthn_cli.ingest.cameras import CameraSpec
 from uasthn_cli.pipeline import FusedFlight
 
 
-def flight_record(flight: FusedFlight, poses: SmoothedPoses | None) -> dict[str, Any]:
+def flight_record(flight: FusedFlight, poses: SmoothedPoses | None = None) -> dict[str, Any]:
     """Return diffusion and constants with their standard errors, ready for ``run.json``."""
     constants = flight.constants
     return {
@@ -24,7 +24,9 @@ def flight_record(flight: FusedFlight, poses: SmoothedPoses | None) -> dict[str,
     }
 
 
-def flight_lines(camera: CameraSpec, flight: FusedFlight, poses: SmoothedPoses | None) -> list[str]:
+def flight_lines(
+    camera: CameraSpec, flight: FusedFlight, poses: SmoothedPoses | None = None
+) -> list[str]:
     """Return a line for each constant that is certain, with the option that states it next time.
 
     They were corrected in this run already.

@@ -36,6 +36,8 @@ _WANDER_MEMORY_S = 60.0
 _STUDENT_DEGREES = 4.0
 """Frames' own places scatter by a Student distribution: a few are far off."""
 
+_ROUNDS: Final = 2
+
 _MOUNT_PER_ATTITUDE_ERROR: Final = 1.5
 _WANDER_PER_ATTITUDE_ERROR: Final = 0.5
 _CLOCK_ERROR_S: Final = 0.5
@@ -116,12 +118,14 @@ def smooth_poses(seen: PoseObservations, expected: PoseDeviations) -> SmoothedPo
     design = _design(seen)
     log_evidence, _ = _filter(seen.times_s, found, noise, design, _DRIFTS, expected)
     drift = _DRIFTS[[int(log_evidence.argmax())]]
-    means, covariances = _smooth(seen.times_s, found, noise, design, drift, expected)
-    residual = (found - (design @ means[..., None])[..., 0])[:, _OFFSET]
-    spread = (design @ covariances @ design.transpose(0, 2, 1) + noise)[:, _OFFSET, _OFFSET]
-    distance2 = np.einsum("ti,tij,tj->t", residual, np.linalg.inv(spread), residual)
-    weights = (_STUDENT_DEGREES + 2.0) / (_STUDENT_DEGREES + distance2)
-    noise[:, _OFFSET, _OFFSET] /= np.minimum(weights, 1.0)[:, None, None]
+    own = noise[:, _OFFSET, _OFFSET].copy()
+    for _ in range(_ROUNDS):
+        means, covariances = _smooth(seen.times_s, found, noise, design, drift, expected)
+        residual = (found - (design @ means[..., None])[..., 0])[:, _OFFSET]
+        spread = (design @ covariances @ design.transpose(0, 2, 1))[:, _OFFSET, _OFFSET] + own
+        distance2 = np.einsum("ti,tij,tj->t", residual, np.linalg.inv(spread), residual)
+        weights = (_STUDENT_DEGREES + 2.0) / (_STUDENT_DEGREES + distance2)
+        noise[:, _OFFSET, _OFFSET] = own / np.minimum(weights, 1.0)[:, None, None]
     means, covariances = _smooth(seen.times_s, found, noise, design, drift, expected)
     return _told_apart(seen, means, covariances)
 
