@@ -1,7 +1,7 @@
 """Open the inputs of a run and walk its frames."""
 
 import os
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -19,6 +19,7 @@ from uasthn_cli.ingest.priors import PriorSet, build_priors, look_up
 from uasthn_cli.ingest.telemetry import Telemetry
 from uasthn_cli.mapping.reader import native_gsd_m
 from uasthn_cli.matching.spec import WeightsUse
+from uasthn_cli.pipeline.diagnosis import Diagnosis, diagnose, is_needed
 from uasthn_cli.pipeline.estimators import (
     open_base,
     open_refine_estimator,
@@ -41,6 +42,7 @@ from uasthn_cli.pipeline.job import (
 from uasthn_cli.pipeline.matchers import MatcherBuilder, choose_gsds_m, shared_frame
 from uasthn_cli.pipeline.parallel import in_order, one_core_each
 from uasthn_cli.pipeline.timing import StageTimer
+from uasthn_cli.pipeline.trials import Trials
 from uasthn_cli.pipeline.trust_model import TrustModel
 from uasthn_cli.seam import Estimator
 from uasthn_cli.types import (
@@ -85,7 +87,7 @@ class Run:
         self._search_matcher, self._refine_matcher = matchers
         self.calibration = chosen_calibration(job)
         self._trust_model = TrustModel(job.config, self.calibration, map_pixel_m)
-        self._map_pixel_m = map_pixel_m
+        self._map_pixel_m, self._rebuild = map_pixel_m, rebuild
         self._uncertainty = uncertainty
         self._frame_stage = FrameStage(
             self._search_matcher, self._trust_model, job.config, uncertainty
@@ -153,6 +155,15 @@ class Run:
                 self._trust_model,
                 self._search_matcher.local,
             )
+
+    def diagnose(self, results: Sequence[FrameResult]) -> Diagnosis | None:
+        """Return what the frames fit under, where hardly one was accepted; None elsewhere."""
+        if not (self.fuses and self._job.spec.scores_shifts and is_needed(results)):
+            return None
+        names = [entry.frame.name for entry in self.priors.results if isinstance(entry, Prior)]
+        grid, radius_m = self._frame_stage.offset_grid, self._job.config.search_radius_m
+        with self._timer.stage("diagnose"):
+            return diagnose(Trials(self._search_matcher, grid, names, self._rebuild, radius_m))
 
     def describe(self) -> dict[str, Any]:
         """Return what was chosen for this run, ready for ``run.json``."""
