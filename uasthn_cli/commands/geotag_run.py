@@ -18,6 +18,7 @@ from uasthn_cli.outputs.run_record import (
 from uasthn_cli.outputs.run_writer import prepare_output, write_run
 from uasthn_cli.outputs.truth import read_truth
 from uasthn_cli.pipeline import GeotagJob, Run, open_run
+from uasthn_cli.pipeline.diagnosis import Diagnosis, line_of
 from uasthn_cli.types import FrameResult
 
 MAP_CRS: Final = "map"
@@ -59,6 +60,7 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
         fingerprint = fingerprint_of(job.config, job.prior, job.camera, run.calibration, inputs)
         with geotag_journals(target.out, fingerprint) as journals:
             outcome = finish_run(run, journals)
+            diagnosis = run.diagnose(outcome.results)
             record = RunRecord(
                 arguments=_arguments(job, target),
                 inputs=inputs if truth is None else inputs | {"truth": _file(truth.path)},
@@ -74,13 +76,15 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
                 flight=None
                 if outcome.flight is None
                 else flight_record(outcome.flight, outcome.poses),
-                **_described(job, run),
+                **_described(job, run, diagnosis),
             )
             crs = run.map_crs if target.crs == MAP_CRS else target.crs
             write_run(target.out, outcome.results, record, truth, crs)
             journals.remove()
         for line in lines_of(job, outcome):
             say(line)
+        if diagnosis is not None:
+            say(line_of(diagnosis, job.camera, job.prior.time_offset_s))
     return outcome.results
 
 
@@ -120,12 +124,12 @@ def _arguments(job: GeotagJob, target: Target) -> dict[str, Any]:
     return {"prior": job.prior, "config": job.config, "crs": target.crs}
 
 
-def _described(job: GeotagJob, run: Run) -> dict[str, Any]:
+def _described(job: GeotagJob, run: Run, diagnosis: Diagnosis | None) -> dict[str, Any]:
     """Return the sections of the run record that say what was chosen, and why."""
     chosen = run.describe()
     return {
         "camera": job.camera,
         "time_base": chosen.pop("time_base"),
         "frame_times": chosen.pop("frame_times"),
-        "notes": chosen,
+        "notes": chosen | {"diagnosis": diagnosis and diagnosis.describe()},
     }

@@ -116,7 +116,15 @@ class FrameMatcher:
         """
         self.grid, self.estimator, self.local = grid, estimator, local
         self._camera, self._tiles, self._timer = camera, tiles, timer
-        self._second, self._members = second, members
+        self._second, self._members, self._mirrored = second, members, False
+
+    def of_mirrored_frames(self) -> "FrameMatcher":
+        """Return a matcher that takes every frame for its mirror image; it has no ensemble."""
+        second = None if self._second is None else self._second.of_mirrored_frames()
+        shared = self._camera, self.grid, self._tiles, self.estimator, self.local, self._timer
+        matcher = FrameMatcher(*shared, second=second)
+        matcher._mirrored = not self._mirrored
+        return matcher
 
     @property
     def members(self) -> int:
@@ -236,9 +244,10 @@ class FrameMatcher:
     def _decoded(self, prior: Prior) -> ImageArray:
         try:
             with self._timer.stage("decode"):
-                return read_frame(prior.frame.path)
+                image = read_frame(prior.frame.path)
         except UnreadableFrameError as error:
             raise UnmatchableFrameError(Reason.UNREADABLE, error) from error
+        return np.ascontiguousarray(image[:, ::-1]) if self._mirrored else image
 
     def _rectified(
         self, prior: Prior, image: ImageArray, ground: Ground | None

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,6 +22,7 @@ from uasthn_cli.ingest.telemetry import Telemetry
 from uasthn_cli.mapping.reader import native_gsd_m
 from uasthn_cli.matching.spec import WeightsUse
 from uasthn_cli.pipeline.datum_trial import likeliest_ground
+from uasthn_cli.pipeline.diagnosis import Diagnosis, diagnose, is_needed
 from uasthn_cli.pipeline.estimators import (
     open_base,
     open_refine_estimator,
@@ -48,6 +49,7 @@ from uasthn_cli.pipeline.open_ground import open_ground
 from uasthn_cli.pipeline.parallel import in_order, one_core_each
 from uasthn_cli.pipeline.pose_observations import RebuildPriors
 from uasthn_cli.pipeline.timing import StageTimer
+from uasthn_cli.pipeline.trials import Trials, tried_and_control
 from uasthn_cli.pipeline.trust_model import TrustModel
 from uasthn_cli.seam import Estimator
 from uasthn_cli.types import (
@@ -194,6 +196,19 @@ class Run:
             self._attitude_error_rad,
             self.ground,
         )
+
+    def diagnose(self, results: Sequence[FrameResult]) -> Diagnosis | None:
+        """Return what the frames fit under, where hardly one was accepted; None elsewhere."""
+        if not (self.fuses and self._job.spec.scores_shifts and is_needed(results)):
+            return None
+        names = [entry.frame.name for entry in self.priors.results if isinstance(entry, Prior)]
+        grid, radius_m = self._frame_stage.offset_grid, self._job.config.search_radius_m
+        tried, control = (
+            Trials(self._search_matcher, grid, some, self._rebuild, radius_m)
+            for some in tried_and_control(names)
+        )
+        with self._timer.stage("diagnose"):
+            return diagnose(tried, control if control.frames else None)
 
     def describe(self) -> dict[str, Any]:
         """Return what was chosen for this run, ready for ``run.json``."""
