@@ -1,5 +1,6 @@
 import logging
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from uasthn_cli.calibration.run import (
     judge,
 )
 from uasthn_cli.errors import CalibrationError
-from uasthn_cli.uncertainty.calibration import Calibration
+from uasthn_cli.uncertainty.calibration import Calibration, Unit
 
 SETTINGS = CalibrationSettings()
 
@@ -126,3 +127,56 @@ def test_repeated_frames_weaken_the_promise_and_thinning_restores_it() -> None:
 def test_thinning_leaves_fewer_frames() -> None:
     judgement, _ = judge(make_answers(900, 1, wrong=0.02), CalibrationSettings(thin=3))
     assert judgement.frames + judgement.fit_frames == 300
+
+
+@pytest.mark.slow
+def test_repeated_frames_within_flights_do_not_weaken_a_promise_about_flights() -> None:
+    population = make_answers(40_000, 999)
+    is_error = population.is_error(25.0)
+
+    def outcome(unit: Unit, repeats: int, runs: int = 200) -> tuple[float, float]:
+        broken = certified = 0
+        for seed in range(runs):
+            answers = make_answers(1200, seed)
+            flight = np.arange(1200) // 4  # 300 flights of four different frames
+            answers = replace(answers, flight=flight).rows(np.repeat(np.arange(1200), repeats))
+            judgement, refusal = judge(answers, CalibrationSettings(seed=seed, unit=unit))
+            accepted = acceptance_risks(judgement.model, population) <= judgement.max_risk
+            certified += refusal is None
+            broken += bool(accepted.any() and is_error[accepted].mean() > 0.05)
+        return broken / runs, certified / runs
+
+    broken, certified = outcome(Unit.FLIGHT, repeats=5)
+    assert broken <= 0.1
+    assert certified > 0.5
+    assert outcome(Unit.FRAME, repeats=5)[0] > 0.15
+
+
+def test_what_happens_in_one_flight_counts_once() -> None:
+    answers = joined([make_answers(24, k, flight=k, wrong=0.02) for k in range(80)])
+    often = answers.rows(np.repeat(np.arange(len(answers)), 7))
+    once, _ = judge(answers, CalibrationSettings(unit=Unit.FLIGHT, target_risk=0.1))
+    repeated, _ = judge(often, CalibrationSettings(unit=Unit.FLIGHT, target_risk=0.1))
+    assert once.max_risk > 0
+    assert repeated.accepted_fraction == pytest.approx(once.accepted_fraction, abs=0.1)
+
+
+def test_few_flights_promise_frames_and_say_so(caplog: pytest.LogCaptureFixture) -> None:
+    few = RunAnswers(joined([make_answers(200, k, flight=k, wrong=0.02) for k in range(4)]), None)
+    with caplog.at_level(logging.WARNING):
+        calibration = calibrate(few, SETTINGS, "note")
+    assert calibration.unit is Unit.FRAME
+    assert "4 flights are too few" in caplog.text
+    assert "60 are needed" in caplog.text
+    with pytest.raises(CalibrationError, match=r"of 3 flights .* without any 45"):
+        calibrate(few, replace(SETTINGS, unit=Unit.FLIGHT), "note")
+
+
+def test_enough_flights_are_promised_about() -> None:
+    parts = [make_answers(24, k, flight=k, wrong=0.01) for k in range(60)]
+    for part in parts:
+        part.error_m[:] = 5.0
+    calibration = calibrate(RunAnswers(joined(parts), None), SETTINGS, "note")
+    assert calibration.unit is Unit.FLIGHT
+    assert "mean over flights" in calibration.promise
+    assert Calibration.from_json(calibration.to_json()) == calibration

@@ -86,6 +86,7 @@ def test_what_is_certified_passes_its_own_test(seed: int, target: float, confide
         assert isinstance(fewer, Certificate)
         assert fewer.threshold >= outcome.threshold or confidence < 0.5
     else:
+        assert outcome.accepted_needed is not None
         assert outcome.accepted < outcome.accepted_needed
 
 

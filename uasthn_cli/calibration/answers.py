@@ -75,20 +75,20 @@ class Answers:
         """Return the same frames without regard to flights, to be dealt one by one."""
         return replace(self, flight=np.zeros_like(self.flight))
 
-    def halves(self, seed: int) -> tuple["Answers", "Answers"]:
-        """Return two halves that share no frame and, where there are several flights, no flight.
+    def halves(self, seed: int, first_share: float = 0.5) -> tuple["Answers", "Answers"]:
+        """Return two parts that share no frame and, where there are several flights, no flight.
 
-        Which goes where is drawn from the seed; whole flights are dealt so that the first half is
-        as near to half of the frames as their order allows.
+        Which goes where is drawn from the seed; whole flights are dealt so that the first part is
+        as near to its share of the frames as their order allows.
         """
         rng = np.random.default_rng(seed)
         flights, sizes = np.unique(self.flight, return_counts=True)
         if flights.size < 2:
-            is_first = rng.permutation(len(self)) < len(self) // 2
+            is_first = rng.permutation(len(self)) < int(len(self) * first_share)
         else:
             order = rng.permutation(flights.size)
             ends = np.cumsum(sizes[order])[:-1]
-            count = 1 + int(np.argmin(np.abs(ends - len(self) / 2)))
+            count = 1 + int(np.argmin(np.abs(ends - len(self) * first_share)))
             is_first = np.isin(self.flight, flights[order[:count]])
         return self.rows(is_first), self.rows(~is_first)
 

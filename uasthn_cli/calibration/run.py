@@ -1,8 +1,8 @@
-"""Make a calibration: fit on one half of the frames, certify on the other."""
+"""Make a calibration: fit on one part of the frames, certify on the other."""
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -12,12 +12,13 @@ from uasthn_cli.calibration.fit import fit_risk_model
 from uasthn_cli.config import CONFIDENCE_LEVEL, TARGET_RISK, TOLERANCE_M
 from uasthn_cli.errors import CalibrationError
 from uasthn_cli.types import FloatArray
-from uasthn_cli.uncertainty.calibration import Calibration, Judgement
+from uasthn_cli.uncertainty.calibration import Calibration, Judgement, Unit
 from uasthn_cli.uncertainty.conformal import (
     Refusal,
     accepted_needed,
     certify,
     conformal_scale,
+    flights_needed,
     threshold_sequence,
 )
 from uasthn_cli.uncertainty.risk_model import RiskModel
@@ -28,11 +29,17 @@ NOTHING: Final = 0.0
 """The threshold that accepts nothing: every risk is above it."""
 
 
+FIT_SHARE_BY_FLIGHT: Final = 0.25
+"""Of flights few are needed to fit six weights, and many to certify."""
+
+
 @dataclass(frozen=True, slots=True)
 class CalibrationSettings:
     """What is promised, and how frames are dealt.
 
     ``thin`` uses only every so many-th frame of each flight, which makes them less dependent.
+    ``unit`` is what the promise is about; None: flights where there are enough to certify it
+    without any error, otherwise frames.
     """
 
     tolerance_m: float = TOLERANCE_M
@@ -40,6 +47,7 @@ class CalibrationSettings:
     confidence_level: float = CONFIDENCE_LEVEL
     seed: int = 0
     thin: int = 1
+    unit: Unit | None = None
 
 
 def calibrate(answers: RunAnswers, settings: CalibrationSettings, note: str) -> Calibration:
@@ -51,6 +59,7 @@ def calibrate(answers: RunAnswers, settings: CalibrationSettings, note: str) -> 
     Raises:
         CalibrationError: no threshold can be certified for any kind, or there is nothing to fit.
     """
+    settings = replace(settings, unit=settings.unit or default_unit(answers.single, settings))
     single, refused = judge(answers.single, settings)
     refusals = {"single": refused}
     fused = None
@@ -73,7 +82,23 @@ def calibrate(answers: RunAnswers, settings: CalibrationSettings, note: str) -> 
         fused=fused,
         note=note,
         made_of=answers.kind,
+        unit=settings.unit or Unit.FRAME,
     )
+
+
+def default_unit(answers: Answers, settings: CalibrationSettings) -> Unit:
+    """Return flights where there are enough of them, otherwise, with a warning, frames."""
+    flights = np.unique(answers.flight).size
+    needed = flights_needed(settings.target_risk, settings.confidence_level)
+    least = math.ceil((needed or 0) / (1 - FIT_SHARE_BY_FLIGHT))
+    if flights >= least:
+        return Unit.FLIGHT
+    LOGGER.warning(
+        "%d flights are too few to promise anything about the next one (%d are needed, or a larger"
+        " --risk): the promise counts frames as independent, which those of one flight are not",
+        *(flights, least),
+    )
+    return Unit.FRAME
 
 
 def judge(answers: Answers, settings: CalibrationSettings) -> tuple[Judgement, Refusal | None]:
@@ -82,7 +107,9 @@ def judge(answers: Answers, settings: CalibrationSettings) -> tuple[Judgement, R
     Raises:
         CalibrationError: there are too few frames to fit anything to.
     """
-    fitted_on, certified_on = answers.thinned(settings.thin).halves(settings.seed)
+    by_flight = (settings.unit or default_unit(answers, settings)) is Unit.FLIGHT
+    first_share = FIT_SHARE_BY_FLIGHT if by_flight else 0.5
+    fitted_on, certified_on = answers.thinned(settings.thin).halves(settings.seed, first_share)
     # rejected whatever their risk, frames still teach what being wrong looks like
     candidates = fitted_on.rows(np.isfinite(fitted_on.error_m))
     if not fitted_on.acceptable.any() or not len(certified_on):
@@ -101,6 +128,7 @@ def judge(answers: Answers, settings: CalibrationSettings) -> tuple[Judgement, R
         threshold_sequence(fit_risks[known], is_error[known], settings.target_risk),
         settings.target_risk,
         settings.confidence_level,
+        certified_on.flight if by_flight else None,
     )
     if isinstance(outcome, Refusal):
         return _judgement(model, NOTHING, candidates, certified_on, risks, settings), outcome
@@ -115,9 +143,20 @@ def acceptance_risks(model: RiskModel, answers: Answers) -> FloatArray:
 def refusal_line(refusal: Refusal, settings: CalibrationSettings) -> str:
     """Return why no threshold was certified, and what would have been enough."""
     least = accepted_needed(settings.target_risk, settings.confidence_level)
-    return (
+    cannot = (
         f"a risk of {settings.target_risk:g} cannot be certified with confidence"
-        f" {settings.confidence_level:g}: {refusal.errors} of {refusal.accepted} frames that the"
+        f" {settings.confidence_level:g}"
+    )
+    if refusal.mean_share is not None:
+        enough = "no number is" if refusal.accepted_needed is None else refusal.accepted_needed
+        return (
+            f"{cannot}: in {refusal.errors} of {refusal.accepted} flights of which the most"
+            f" promising threshold accepts anything, frames are beyond {settings.tolerance_m:g} m,"
+            f" a mean share of {refusal.mean_share:.3f}; flights that would be enough with so many:"
+            f" {enough}, without any {least}"
+        )
+    return (
+        f"{cannot}: {refusal.errors} of {refusal.accepted} frames that the"
         f" most promising threshold accepts are beyond {settings.tolerance_m:g} m; with so many,"
         f" {refusal.accepted_needed} accepted frames are needed, without any {least}"
     )

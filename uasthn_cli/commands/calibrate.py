@@ -109,6 +109,15 @@ class StretchType(click.ParamType["GpsStretch"]):
     metavar="METRES",
     help="CE up to which a frame counts as right.",
 )
+@promise_option(
+    "--unit",
+    type=click.Choice(["auto", "flight", "frame"]),
+    default="auto",
+    show_default=True,
+    help="What the promise is about: the mean over flights like these (each RESULTS_DIR is one), or"
+    " frames, taken as independent, which those of one flight are not. auto: flights where there"
+    " are enough to certify the risk.",
+)
 @frames_option(
     "--from-gps",
     "gps",
@@ -147,6 +156,7 @@ def calibrate(
     target_risk: float,
     confidence_level: float,
     tolerance_m: float,
+    unit: str,
     gps: "GpsStretch | None",
     thin: int,
     seed: int,
@@ -156,10 +166,10 @@ def calibrate(
     """Choose which answers to accept, so that few of them are wrong.
 
     RESULTS_DIR is what `uasthn geotag --truth --out` wrote (without --truth: see --from-gps). On
-    one half of the flights a model learns from the answers' signals how likely each is beyond the
-    tolerance; on the other half the laxest threshold is chosen for which a test says, with the
+    one part of the flights a model learns from the answers' signals how likely each is beyond the
+    tolerance; on the other part the laxest threshold is chosen for which a test says, with the
     stated confidence, that no more than the stated share of accepted frames is beyond it. The same
-    half tells how predicted 90 % radii (CE90) of accepted frames must be scaled to cover 90 % of
+    part tells how predicted 90 % radii (CE90) of accepted frames must be scaled to cover 90 % of
     errors. Runs that fuse the flight are calibrated twice, for fused and for single-frame answers.
 
     The promise is about frames like these: another camera, season or kind of ground needs its own.
@@ -170,15 +180,20 @@ def calibrate(
     from uasthn_cli.calibration.run import CalibrationSettings
     from uasthn_cli.calibration.run import calibrate as make_calibration
     from uasthn_cli.outputs.atomic import write_text
+    from uasthn_cli.uncertainty.calibration import Unit
 
     if out.exists() and not overwrite:
         raise OutputError(f"{out}: exists already; give --overwrite or another --out")
-    settings = CalibrationSettings(tolerance_m, target_risk, confidence_level, seed, thin)
+    settings = CalibrationSettings(
+        *(tolerance_m, target_risk, confidence_level, seed, thin),
+        None if unit == "auto" else Unit(unit),
+    )
     answers = load_answers(folders, gps)
     calibration = make_calibration(answers, settings, _note(folders, gps, settings.thin, seed))
     write_text(out, json.dumps(calibration.to_json(), indent=2, allow_nan=False) + "\n")
     for line in _table(calibration):
         click.echo(line)
+    click.echo(f"Promised: {calibration.promise}")
 
 
 def _note(folders: Sequence[Path], gps: "GpsStretch | None", thin: int, seed: int) -> str:

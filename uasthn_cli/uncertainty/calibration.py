@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +13,7 @@ from uasthn_cli.uncertainty.risk_model import SIGNALS, RiskModel, SignalTerm, Tr
 
 FORMAT: Final = "uasthn-calibration-1"
 _MADE_OF: Final = "made_of"
+_UNIT: Final = "unit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,13 @@ class AnswerKind:
         return f"--estimator {self.estimator} --ue {self.ue}"
 
 
+class Unit(StrEnum):
+    """What a promise counts as one independent draw."""
+
+    FRAME = "frame"
+    FLIGHT = "flight"
+
+
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """A promise, and how single-frame and flight-fused answers are judged to keep it.
@@ -59,6 +68,7 @@ class Calibration:
     ``target_risk`` of accepted frames lies farther than ``tolerance_m`` from the truth. ``fused``
     is None where no fused answers were seen; ``note`` says what the frames were. It speaks of
     answers like those it was ``made_of``: None where it does not say, as of earlier versions.
+    ``unit`` is what the promise is about: of earlier versions always frames.
     """
 
     tolerance_m: float
@@ -68,6 +78,16 @@ class Calibration:
     fused: Judgement | None
     note: str
     made_of: AnswerKind | None = None
+    unit: Unit = Unit.FRAME
+
+    @property
+    def promise(self) -> str:
+        """Return in one line what is promised about what."""
+        share = f"at most {self.target_risk:g} of accepted frames beyond {self.tolerance_m:g} m"
+        sure = f"confidence {self.confidence_level:g}"
+        if self.unit is Unit.FLIGHT:
+            return f"{share}, mean over flights like those it was made of, {sure}"
+        return f"{share}, {sure}, of frames taken as independent: a single flight may break it"
 
     def to_json(self) -> dict[str, Any]:
         """Return the calibration in the types of JSON."""
@@ -86,7 +106,7 @@ class Calibration:
                 f"{where}: not a calibration of format {FORMAT}: make one with `uasthn calibrate`"
             )
         fields = {key: document[key] for key in document if key != "format"}
-        node = _Node({_MADE_OF: None} | fields, where)
+        node = _Node({_MADE_OF: None, _UNIT: Unit.FRAME} | fields, where)
         node.require(cls)
         return cls(
             tolerance_m=node.number("tolerance_m", above=0.0),
@@ -96,6 +116,7 @@ class Calibration:
             fused=None if node.value["fused"] is None else _judgement(node.child("fused")),
             note=node.text("note"),
             made_of=None if node.value[_MADE_OF] is None else _kind(node.child(_MADE_OF)),
+            unit=Unit(node.text(_UNIT, tuple(Unit))),
         )
 
 
