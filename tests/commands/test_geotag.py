@@ -125,7 +125,7 @@ def test_the_flights_answer_beside_each_frames_own(flight: Flight, tmp_path: Pat
     flight_section = record(out)["flight"]
     assert flight_section["diffusion_m_per_sqrt_s"] > 0
     assert set(flight_section) == {
-        *("diffusion_m_per_sqrt_s", "mount_yaw_deg", "height_log_scale", "clock_s"),
+        *("diffusion_m_per_sqrt_s", "mount_yaw_deg", "height_log_scale", "clock_s", "poses"),
     }
 
 

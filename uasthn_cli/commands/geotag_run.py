@@ -83,6 +83,8 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
             journals.remove()
         for line in lines_of(job, outcome):
             say(line)
+        if run.calibration is not None:
+            say(f"Promised by the calibration: {run.calibration.promise}")
         if diagnosis is not None:
             say(line_of(diagnosis, job.camera, job.prior.time_offset_s))
     return outcome.results

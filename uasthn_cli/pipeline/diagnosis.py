@@ -137,13 +137,8 @@ def _are_near(a: Assumption, b: Assumption) -> bool:
 def line_of(diagnosis: Diagnosis, camera: CameraSpec, time_offset_s: float) -> str:
     """Return what a person should hear, and the option that states it."""
     fits = diagnosis.fits
-    if fits is None and diagnosis.best == Assumption() and diagnosis.best_nats >= _LEAST_NATS:
-        return "Frames fit best as stated: what is missing of each is in its detail"
     if fits is None:
-        return (
-            "Frames fit nowhere clearly, neither as stated nor turned, mirrored, scaled or at"
-            " another time: is this the right map?"
-        )
+        return _unclear_line(diagnosis)
     turn_deg = fits.turn_deg if fits.turn_deg <= 180.0 else fits.turn_deg - 360.0
     if fits.mirrored:
         also = f" and turned by {turn_deg:g}°" if turn_deg else ""
@@ -161,6 +156,21 @@ def line_of(diagnosis: Diagnosis, camera: CameraSpec, time_offset_s: float) -> s
             f" {time_offset_s + fits.added_s:g}"
         )
     return f"Frames fit at {fits.scale:.2f} of the stated scale: {_scale_hint(fits.scale, camera)}"
+
+
+def _unclear_line(diagnosis: Diagnosis) -> str:
+    """Return what a person should hear where nothing fits better than all else."""
+    if diagnosis.stated_nats >= _LEAST_NATS:
+        return "Frames fit as stated, and nothing else clearly better: each one's detail says more"
+    if diagnosis.best_nats >= _LEAST_NATS:
+        return (
+            "Frames fit under several assumptions or only some of them fit (run.json,"
+            " notes.diagnosis): nothing is clear"
+        )
+    return (
+        "Frames fit nowhere clearly, neither as stated nor turned, mirrored, scaled or at another"
+        " time: is this the right map?"
+    )
 
 
 def _scale_hint(scale: float, camera: CameraSpec) -> str:
