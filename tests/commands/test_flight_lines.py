@@ -72,14 +72,18 @@ def poses_with(roll: Constant, pitch: Constant) -> SmoothedPoses:
     return SmoothedPoses(np.zeros((2, 2)), covariances, roll, pitch, Constant(0.1, 0.2, 9), 4)
 
 
-def test_a_mount_that_is_certainly_turned_is_told_with_its_option() -> None:
+def test_what_was_corrected_of_the_mount_is_always_told() -> None:
     camera = CameraSpec(hfov_deg=45.0, mount_pitch_deg=1.0)
     unsure = Constant(math.radians(0.5), math.radians(0.4), 30)
     pitch = Constant(math.radians(-2.5), math.radians(0.3), 30)
     flight = flight_with(FlightConstants())
     (line,) = flight_lines(camera, flight, poses_with(unsure, pitch))
-    assert "pitched by -2.50° (± 0.30°)" in line
-    assert "--mount-pitch -1.50" in line
+    assert "roll +0.50° (± 0.40°), pitch -2.50° (± 0.30°), corrected" in line
+    assert "30 frames' places and 4 frames' perspective" in line
+    assert line.endswith("next time: --mount-pitch -1.50")
+    (line,) = flight_lines(camera, flight, poses_with(unsure, unsure))
+    assert "corrected" in line
+    assert "next time" not in line
     record = flight_record(flight, poses_with(unsure, pitch))["poses"]
     assert record == {
         "mount_roll_deg": {"value": 0.5, "error": 0.4},

@@ -29,9 +29,9 @@ def flight_lines(
 ) -> list[str]:
     """Return a line for each constant that is certain, with the option that states it next time.
 
-    They were corrected in this run already.
+    They were corrected in this run already; so were roll and pitch, certain or not.
     """
-    mount = [] if poses is None else list(_mount_lines(camera, poses))
+    mount = [] if poses is None else [_mount_line(camera, poses)]
     return [*_lines(camera, flight), *mount]
 
 
@@ -61,18 +61,23 @@ def _lines(camera: CameraSpec, flight: FusedFlight) -> Iterator[str]:
         )
 
 
-def _mount_lines(camera: CameraSpec, poses: SmoothedPoses) -> Iterator[str]:
-    angles = (
-        ("rolled", poses.mount_roll_rad, "--mount-roll", camera.mount_roll_deg),
-        ("pitched", poses.mount_pitch_rad, "--mount-pitch", camera.mount_pitch_deg),
-    )
-    for word, angle, option, stated_deg in angles:
+def _mount_line(camera: CameraSpec, poses: SmoothedPoses) -> str:
+    """Return what was corrected of roll and pitch, on what evidence, and how to state it."""
+    parts, options = [], []
+    for word, angle, stated_deg in (
+        ("roll", poses.mount_roll_rad, camera.mount_roll_deg),
+        ("pitch", poses.mount_pitch_rad, camera.mount_pitch_deg),
+    ):
+        value_deg, error_deg = math.degrees(angle.value), math.degrees(angle.error)
+        parts.append(f"{word} {value_deg:+.2f}° (± {error_deg:.2f}°)")
         if angle.is_significant:
-            value_deg, error_deg = math.degrees(angle.value), math.degrees(angle.error)
-            yield (
-                f"The camera's mount is {word} by {value_deg:+.2f}° (± {error_deg:.2f}°),"
-                f" corrected; next time: {option} {stated_deg + value_deg:.2f}"
-            )
+            options.append(f"--mount-{word} {stated_deg + value_deg:.2f}")
+    hint = f"; next time: {' '.join(options)}" if options else ""
+    places = poses.mount_roll_rad.count
+    return (
+        f"The camera's mount is off by {', '.join(parts)}, corrected as far as {places} frames'"
+        f" places and {poses.frames_with_perspective} frames' perspective tell{hint}"
+    )
 
 
 def _poses_record(poses: SmoothedPoses) -> dict[str, Any]:

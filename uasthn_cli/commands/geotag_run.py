@@ -81,7 +81,8 @@ def geotag_to_folder(job: GeotagJob, target: Target) -> list[FrameResult]:
             crs = run.map_crs if target.crs == MAP_CRS else target.crs
             write_run(target.out, outcome.results, record, truth, crs)
             journals.remove()
-        for line in lines_of(job, outcome):
+        # what a flight that fits nowhere taught of its camera is chance
+        for line in lines_of(job, outcome) if diagnosis is None else ():
             say(line)
         if run.calibration is not None:
             say(f"Promised by the calibration: {run.calibration.promise}")

@@ -5,21 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from uasthn_cli.config import CropTtaConfig
-from uasthn_cli.fusion.forward_backward import log_evidence
 from uasthn_cli.fusion.offsets import OffsetGrid, grid_of_radius
 from uasthn_cli.ingest.priors import PriorSet
-from uasthn_cli.pipeline.frame_matcher import FrameMatcher, UnmatchableFrameError
+from uasthn_cli.pipeline.frame_matcher import FrameMatcher
 from uasthn_cli.pipeline.ground import Ground
-from uasthn_cli.pipeline.likelihoods import likelihood_of_match
-from uasthn_cli.types import OffsetLikelihood, Prior
+from uasthn_cli.pipeline.trials import TRIAL_FRAMES, evidence_nats
+from uasthn_cli.types import Prior
 
-_FRAMES = 12
-_DIFFUSIONS_M_PER_SQRT_S = (1.0, 4.0)
 _LEAST_MARGIN_NATS = 0.2
 """Per frame, so over two in all. Heights that are 12 % off cost 0.4 on a flight over real pixels,
 2 % nothing."""
-_WHOLE_FRAME = CropTtaConfig(views=1)
 
 
 def likeliest_ground(
@@ -53,21 +48,6 @@ def _nats_per_frame(
 ) -> float:
     """Return how far frames agree, beyond chance, on one slow error of the log's position."""
     located = [entry for entry in ground.settled_results(priors) if isinstance(entry, Prior)]
-    start = max(0, (len(located) - _FRAMES) // 2)
-    tried = sorted(located[start : start + _FRAMES], key=lambda prior: prior.time_utc_s)
-    likelihoods = [_likelihood(prior, matcher, grid, radius_m) for prior in tried]
-    if all(entry is None for entry in likelihoods):
-        return 0.0
-    times_s = np.array([prior.time_utc_s for prior in tried])
-    evidence = log_evidence(likelihoods, times_s, _DIFFUSIONS_M_PER_SQRT_S)
-    return float(evidence.max()) / len(tried)
-
-
-def _likelihood(
-    prior: Prior, matcher: FrameMatcher, grid: OffsetGrid, radius_m: float
-) -> OffsetLikelihood | None:
-    try:
-        match = matcher.match(prior, _WHOLE_FRAME, radius_m)
-    except UnmatchableFrameError:
-        return None
-    return likelihood_of_match(match, grid, np.zeros(2))
+    start = max(0, (len(located) - TRIAL_FRAMES) // 2)
+    tried = located[start : start + TRIAL_FRAMES]
+    return evidence_nats(tried, matcher, grid, radius_m) / max(1, len(tried))

@@ -23,8 +23,9 @@ from uasthn_cli.pipeline.perspective import tilt_of_frame
 from uasthn_cli.pipeline.pose_observations import (
     LoggedMotion,
     RebuildPriors,
-    lever_m,
+    camera_to_centre_m,
     nothing_seen,
+    spread_over,
 )
 from uasthn_cli.types import CameraModel, FloatArray, OffsetLikelihood, Prior, RefinedFrame
 
@@ -56,7 +57,7 @@ def settled_poses(
     seen, chosen = observed
     if np.isfinite(seen.offsets_m).all(axis=1).sum() < LEAST_FRAMES:
         return None
-    for index in _spread(chosen):
+    for index in spread_over(chosen, _PERSPECTIVE_FRAMES):
         tilt = tilt_of_frame(matcher, flight.corrected_priors[index], ground)
         if tilt is not None:
             seen.tilts_rad[index] = tilt.angles_rad
@@ -75,7 +76,9 @@ def tilted_prior(
     tilted = replace(
         prior, attitude=tilted_attitude(prior.attitude, camera.mount, roll_rad, pitch_rad)
     )
-    return moved_prior(tilted, lever_m(prior, camera) - lever_m(tilted, camera), local)
+    return moved_prior(
+        tilted, camera_to_centre_m(prior, camera) - camera_to_centre_m(tilted, camera), local
+    )
 
 
 def _observations(
@@ -123,14 +126,6 @@ def _own_place(likelihood: OffsetLikelihood) -> tuple[FloatArray, FloatArray]:
         [across, (posterior * north_m**2).sum()],
     ]
     return mean_m, np.array(spread_m2) + np.eye(2) * _PLACE_ERROR_M**2
-
-
-def _spread(indices: list[int]) -> list[int]:
-    """Return as many of the frames as are asked for their perspective, spread over the flight."""
-    if len(indices) <= _PERSPECTIVE_FRAMES:
-        return indices
-    places = np.linspace(0, len(indices) - 1, _PERSPECTIVE_FRAMES).round().astype(int)
-    return [indices[place] for place in places.tolist()]
 
 
 def _frame_cells(camera: CameraModel, prior: Prior, matcher: FrameMatcher) -> float:

@@ -29,6 +29,7 @@ from uasthn_cli.pipeline.pose_observations import (
     RebuildPriors,
     nothing_seen,
     position_m,
+    spread_over,
 )
 from uasthn_cli.seam import Aligner
 from uasthn_cli.types import (
@@ -188,14 +189,13 @@ class FlightStage:
         sure &= np.array(
             [f.single is not None and f.single.trust.confidence > _CONFIDENT for f in frames]
         )
-        chosen = np.flatnonzero(sure)
-        if chosen.size > _CONSTANTS_FRAMES:
-            chosen = chosen[np.linspace(0, chosen.size - 1, _CONSTANTS_FRAMES).round().astype(int)]
-        views = self._views([(frames[i].prior, offsets_m[i]) for i in chosen.tolist()])
+        known = np.flatnonzero(sure).tolist()
+        chosen = spread_over(known, _CONSTANTS_FRAMES)
+        views = self._views([(frames[index].prior, offsets_m[index]) for index in chosen])
         yaw_rad, log_scale = views or (None, None)
-        return FlightConstants(yaw_rad, log_scale, self._clock(frames, np.flatnonzero(sure)))
+        return FlightConstants(yaw_rad, log_scale, self._clock(frames, known))
 
-    def _clock(self, frames: Sequence[FlightFrame], sure: NDArray[np.intp]) -> Constant | None:
+    def _clock(self, frames: Sequence[FlightFrame], sure: Sequence[int]) -> Constant | None:
         """Return by how much frames are stamped too early, told apart from mount and drift.
 
         None from too few ``sure`` frames.
@@ -207,7 +207,7 @@ class FlightStage:
             return None
         motion = LoggedMotion(self._rebuild_priors, 0.0, self._local)
         seen = nothing_seen([frame.prior for frame in frames], camera)
-        for index in sure.tolist():
+        for index in sure:
             prior, single = frames[index].prior, frames[index].single
             per_second_m = motion.per_second_m(prior, camera)
             if single is None or per_second_m is None:

@@ -22,7 +22,7 @@ def position_m(prior: Prior, local: LocalFrame) -> FloatArray:
     return local.to_metres(np.array([prior.lat_deg, prior.lon_deg]))
 
 
-def lever_m(prior: Prior, camera: CameraModel) -> FloatArray:
+def camera_to_centre_m(prior: Prior, camera: CameraModel) -> FloatArray:
     """Return metres ``(2,)`` from below a camera to its frame's centre, on flat ground."""
     attitude = turned_attitude(prior.attitude, camera.mount)
     return centre_from_camera_m(attitude, prior.height_above_ground_m)
@@ -53,6 +53,14 @@ def nothing_seen(priors: Sequence[Prior], camera: CameraModel) -> PoseObservatio
     )
 
 
+def spread_over(indices: Sequence[int], count: int) -> list[int]:
+    """Return at most ``count`` of some frames' indices, evenly spread."""
+    if len(indices) <= count:
+        return list(indices)
+    places = np.linspace(0, len(indices) - 1, count).round().astype(int)
+    return [indices[place] for place in places.tolist()]
+
+
 class LoggedMotion:
     """How frames' centres move with time, in a log whose frames are ``clock_s`` late."""
 
@@ -71,7 +79,7 @@ class LoggedMotion:
         if before is None or after is None:
             return None
         step_m = position_m(after, self._local) - position_m(before, self._local)
-        turned_m = lever_m(after, camera) - lever_m(before, camera)
+        turned_m = camera_to_centre_m(after, camera) - camera_to_centre_m(before, camera)
         return np.asarray((step_m + turned_m) / (2 * _HALF_STEP_S))
 
     def beside_log_m(self, prior: Prior) -> FloatArray:

@@ -74,21 +74,31 @@ class Trials:
         priors = [assumed(known[name], assumption) for name in self._names if name in known]
         if len(priors) < _LEAST_SHARE * len(self._names):
             return 0.0
-        priors.sort(key=lambda prior: prior.time_utc_s)
         matcher = self._mirrored if assumption.mirrored else self._matcher
-        likelihoods = [self._likelihood(matcher, prior) for prior in priors]
-        if all(entry is None for entry in likelihoods):
-            return 0.0
-        times_s = np.array([prior.time_utc_s for prior in priors])
-        evidence = log_evidence(likelihoods, times_s, _DIFFUSIONS_M_PER_SQRT_S)
-        return float(evidence.max()) / len(self._names)
+        nats = evidence_nats(priors, matcher, self._grid, self._radius_m)
+        return nats / len(self._names)
 
-    def _likelihood(self, matcher: FrameMatcher, prior: Prior) -> OffsetLikelihood | None:
-        try:
-            match = matcher.match(prior, _WHOLE_FRAME, self._radius_m)
-        except UnmatchableFrameError:
-            return None
-        return likelihood_of_match(match, self._grid, np.zeros(2))
+
+def evidence_nats(
+    priors: Sequence[Prior], matcher: FrameMatcher, grid: OffsetGrid, radius_m: float
+) -> float:
+    """Return how far frames agree, beyond chance, on one slow error of the log's position."""
+    in_time = sorted(priors, key=lambda prior: prior.time_utc_s)
+    likelihoods = [_likelihood(prior, matcher, grid, radius_m) for prior in in_time]
+    if all(entry is None for entry in likelihoods):
+        return 0.0
+    times_s = np.array([prior.time_utc_s for prior in in_time])
+    return float(log_evidence(likelihoods, times_s, _DIFFUSIONS_M_PER_SQRT_S).max())
+
+
+def _likelihood(
+    prior: Prior, matcher: FrameMatcher, grid: OffsetGrid, radius_m: float
+) -> OffsetLikelihood | None:
+    try:
+        match = matcher.match(prior, _WHOLE_FRAME, radius_m)
+    except UnmatchableFrameError:
+        return None
+    return likelihood_of_match(match, grid, np.zeros(2))
 
 
 def assumed(prior: Prior, assumption: Assumption) -> Prior:
